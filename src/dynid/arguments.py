@@ -1,26 +1,22 @@
 """What public functions take: objects and paths alike, options as keywords or as an object, and a sentence otherwise.
 
-A public function is decorated with ``public`` and begins with one line for each argument, such as
-``robot = as_robot(robot)``. After it the argument is an object, or ``WrongUsage`` was raised, which says what
-was given, what would be right, and shows the call of the function's docstring after ``Example:``.
+A public function is decorated with ``public``, which checks arguments by their annotations, and begins with one line
+for each that may stand for an object, such as ``robot = as_robot(robot)``. After it the argument is an object, or
+``WrongUsage`` was raised, which says what was given, what would be right, and shows the call of the function's
+docstring after ``Example:``.
 """
 
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import fields, replace
 from functools import wraps
-from numbers import Integral, Real
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from dynid.errors import WrongUsage
-from dynid.model.base_model import BaseModel
-from dynid.options import Options
+from dynid.options import TYPES, Options
 from dynid.progress import LISTENER, heard_by
 from dynid.text import closest
 
@@ -28,8 +24,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-#: No file system has longer names.
-LONGEST_NAME = 255
 #: The public function that runs.
 _running: ContextVar[Callable[..., Any] | None] = ContextVar("running", default=None)
 
@@ -87,13 +81,18 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
             if options is not None:
                 changes = given.pop("changes", {})
                 given["options"] = _merged(options, given.get("options"), changes)
-            optional(given.get("base"), BaseModel, "base", "what dynid.base_model returns")
-            listener, words = given.get("progress"), ("stage", "advance", "findings")
-            listener = LISTENER.get() if listener is None else listener
-            if not all(callable(getattr(listener, word, None)) for word in words):
-                wanted = "None, or an object with the methods stage, advance and findings"
-                raise refused("progress", wanted, listener)
-            with heard_by(listener):
+            for name, value in given.items():
+                words = str(signature.parameters[name].annotation).split(" | ")
+                types: list[Any] = [
+                    TYPES.get(word, function.__globals__.get(word)) for word in words
+                ]
+                # An alias or a type with brackets is read by the function itself.
+                if all(isinstance(one, (type, tuple)) for one in types):
+                    wrong = isinstance(value, bool) and "bool" not in words
+                    if wrong or not any(isinstance(value, one) for one in types):
+                        raise refused(name, " or ".join(words), value)
+            listener = given.get("progress")
+            with heard_by(LISTENER.get() if listener is None else listener):
                 return computing(*bound.args, **bound.kwargs)
         finally:
             _running.reset(token)
@@ -141,18 +140,6 @@ def _merged(kind: type[Options], given: Options | None, changes: Mapping[str, An
 
 
 # ---------------------------------------------------------------- single arguments
-def path(value: str | Path, name: str) -> Path:
-    """Return a path given as text or as a path."""
-    text = str(value) if isinstance(value, (str, Path)) else ""
-    if (
-        not text.strip()
-        or "\0" in text
-        or max(map(len, Path(text).parts), default=0) > LONGEST_NAME
-    ):
-        raise refused(name, "a path", value)
-    return Path(value)
-
-
 def words(value: str | Sequence[str], name: str, known: Iterable[str] = ()) -> tuple[str, ...]:
     """Return one or several words, of those that are known where there are any."""
     items = several(value, (str,), name, "a word or a list of words", empty=True)
@@ -163,31 +150,11 @@ def words(value: str | Sequence[str], name: str, known: Iterable[str] = ()) -> t
     return tuple(items)
 
 
-def number(value: Any, name: str, wanted: str) -> float:  # noqa: ANN401
-    """Return a finite number."""
-    with suppress(OverflowError):  # a whole number of 400 digits
-        if not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value):
-            return float(value)
-    raise refused(name, wanted, value)
-
-
-def whole(value: Any, name: str) -> int:  # noqa: ANN401
-    """Return a whole number that is not negative."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < 0:
-        raise refused(name, "a whole number from 0", value)
-    return int(value)
-
-
 def instance(value: Any, kind: type[T], name: str, wanted: str) -> T:  # noqa: ANN401
     """Return an argument that is of a type."""
     if not isinstance(value, kind):
         raise refused(name, wanted, value)
     return value
-
-
-def optional(value: Any, kind: type[T], name: str, wanted: str) -> T | None:  # noqa: ANN401
-    """Return an argument that is of a type, or None."""
-    return None if value is None else instance(value, kind, name, f"None or {wanted}")
 
 
 def several(

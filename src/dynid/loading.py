@@ -82,9 +82,6 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
     """
     if not isinstance(source, (str, Path)):
         return as_robot(source, "source")
-    arguments.path(source, "source")
-    base = arguments.optional(base, str, "base", "the name of a link")
-    tip = arguments.optional(tip, str, "tip", "the name of a link")
     file, mark, link = str(source).rpartition("#")
     path = Path(file if mark and file.lower().endswith(URDF) else source)
     if path.suffix.lower() != URDF:
@@ -146,7 +143,6 @@ def load_log(
         dynid.load_log("run1.bag", "kuka_lwr4plus", exclude="3.2-3.4")
     """
     robot = as_robot(robot)
-    identify = arguments.instance(identify, bool, "identify", "True or False")
     return checked_log(as_log(path, robot, options, "path"), robot, options, identify=identify)
 
 
@@ -250,14 +246,14 @@ def _motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
 def as_robot(value: RobotLike, name: str = "robot") -> Robot:
     """Return an arm given by itself, by name, or by the path of its file."""
     if isinstance(value, (str, Path)):
-        return load_robot(str(arguments.path(value, name)))
+        return load_robot(value)
     return arguments.instance(value, Robot, name, _ROBOT)
 
 
 def as_log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:
     """Return a log given by itself, or by its path."""
     if isinstance(value, (str, Path)):
-        return read_log(arguments.path(value, name), arm, options)
+        return read_log(value, arm, options)
     return arguments.instance(value, Log, name, _LOG)
 
 
@@ -277,7 +273,7 @@ def as_logs(
 def as_result(value: ResultLike, name: str = "result") -> Identification:
     """Return a result given by itself, by its folder, or by its file."""
     if isinstance(value, (str, Path)):
-        return load_run(arguments.path(value, name))
+        return load_run(Path(value))
     return arguments.instance(value, Identification, name, _RESULT)
 
 
@@ -292,7 +288,7 @@ def as_results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]
 def as_motion(value: MotionLike, arm: Robot) -> Motion:
     """Return a motion given by itself, in a plan or a log, or by the path of its file."""
     if isinstance(value, (str, Path)):
-        value = arguments.path(value, "motion")
+        value = Path(value)
         with suppress(NotAnArtifact, KeyError):
             value = read_trajectory(value, arm)
     if isinstance(value, (Log, Path)):

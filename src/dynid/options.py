@@ -126,8 +126,8 @@ class Options:
         return texts
 
 
-#: What stands for a value in annotations of options that no function reads.
-_PLAIN: dict[str, Any] = {
+#: What stands for a value in annotations of options that no function reads, and of arguments.
+TYPES: dict[str, Any] = {
     "bool": bool,
     "int": Integral,
     "float": Real,
@@ -144,8 +144,8 @@ def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
         raise TypeError("bytes are no value")
     if said.read is not None:
         value = said.read(value)
-    elif set(types) <= set(_PLAIN):
-        fits = any(isinstance(value, _PLAIN[word]) for word in types)
+    elif set(types) <= set(TYPES):
+        fits = any(isinstance(value, TYPES[word]) for word in types)
         if not fits or (isinstance(value, bool) and "bool" not in types):
             raise TypeError(f"it must be {' or '.join(types)}")
         value = Path(value) if "Path" in types and isinstance(value, str) else value

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from dynid.errors import Finding
 
 
+@runtime_checkable
 class Progress(Protocol):
     """A listener."""
 

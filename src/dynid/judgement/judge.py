@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from dynid.judgement.evidence import Evidence
-from dynid.judgement.facts import OPEN, Case, Light, worst
+from dynid.judgement.evidence import OPEN, Evidence, Light, worst
 from dynid.judgement.rules import Step, answer, reasons, steps, warnings
 
 
@@ -73,14 +72,13 @@ def judge(evidence: Evidence) -> Judgement:
     Args:
         evidence: what is known of it.
     """
-    case = Case(evidence)
-    sentence = answer(case)
+    sentence = answer(evidence)
     return Judgement(
         sentence,
-        tuple(reasons(case, sentence)),
-        case.lights,
-        tuple(warnings(case)),
-        merged(steps(case)),
+        tuple(reasons(evidence, sentence)),
+        evidence.lights,
+        tuple(warnings(evidence)),
+        merged(steps(evidence)),
     )
 
 

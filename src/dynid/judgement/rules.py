@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 from dynid.judgement import tuning
-from dynid.judgement.evidence import Change, EffectEvidence, Unseen
-from dynid.judgement.facts import (
-    Case,
+from dynid.judgement.evidence import (
+    Change,
+    EffectEvidence,
+    Evidence,
+    Unseen,
     at_noise,
     farthest,
     folder_of,
@@ -26,9 +28,8 @@ from dynid.text import shell
 
 
 # ---------------------------------------------------------------- the answer
-def answer(c: Case) -> str:
+def answer(e: Evidence) -> str:
     """Return the answer to what was asked; what makes every other answer wrong goes before it."""
-    e = c.evidence
     if e.other is not None:
         own, other = shown(e.other.own), shown(e.other.percent)
         return (
@@ -38,26 +39,26 @@ def answer(c: Case) -> str:
     if e.alarms:
         return "The robot file does not describe the arm of these logs."
     if e.asked == "gap" and e.gap is not None:
-        return of_gap(c, nothing=c.nothing)
+        return of_gap(e, nothing=e.nothing)
     if e.asked == "replay" and e.unseen:
-        return of_replay(e.unseen[-1], c)
-    return of_changes(c) if e.asked == "change" else of_result(c)
+        return of_replay(e.unseen[-1], e)
+    return of_changes(e) if e.asked == "change" else of_result(e)
 
 
-def of_result(c: Case) -> str:
+def of_result(e: Evidence) -> str:
     """Return what a model is worth."""
-    states, fitted, worst = c.states, c.evidence.fitted, c.worst_unseen
+    states, fitted, worst = e.states, e.fitted, e.worst_unseen
     unseen, percent = states["unseen motion"], "" if fitted is None else shown(fitted)
-    trained = f"the training log{'s' * (len(c.evidence.logs) > 1)}"
+    trained = f"the training log{'s' * (len(e.logs) > 1)}"
     # What is missing is why the model is no better, and what to do about it.
-    if c.gap.missing:
-        return of_gap(c, nothing=False)
+    if e.gap_evidence.missing:
+        return of_gap(e, nothing=False)
     if unseen == "bad" and worst:
         rows = f", {percent} % on {trained}" if percent else ""
         return f"Do not use this model yet. Relative torque error {shown(worst.percent)} % on {worst.name}{rows}."
-    if states["fit"] == "bad" and c.weak:
-        names, most = ", ".join(c.weak), shown(max(c.weak.values()))
-        up_to = "up to " if len(c.weak) > 1 else ""
+    if states["fit"] == "bad" and e.weak:
+        names, most = ", ".join(e.weak), shown(max(e.weak.values()))
+        up_to = "up to " if len(e.weak) > 1 else ""
         rest = f", {percent} % on all joints together" if percent else ""
         return (
             f"Do not use this model for {names}: relative torque error {up_to}{most} % there{rest}."
@@ -73,25 +74,25 @@ def of_result(c: Case) -> str:
             )
         return "Do not use this model yet: no physically consistent parameters have these torques."
     if states["complete"] == "bad":
-        return of_gap(c, nothing=False)
+        return of_gap(e, nothing=False)
     if unseen == "open":
         error = f"Relative torque error {percent} % on {trained}. " if percent else ""
-        count = states["knowledge"] == "fair" and c.evidence.open
+        count = states["knowledge"] == "fair" and e.open
         rest = f"; {count} parameters are not determined." if count else "."
         return f"{error}Not yet validated on another motion{rest}"
     if unseen == "good" or not worst:
         weak = [text for name, text in FAIR.items() if states[name] == "fair"]
         but = ", but " * bool(weak) + " and ".join(weak)
         return f"The model predicts held-out motions to within their noise{but}."
-    return _of_unseen(worst, c)
+    return _of_unseen(worst, e)
 
 
-def _of_unseen(worst: Unseen, c: Case) -> str:
+def _of_unseen(worst: Unseen, e: Evidence) -> str:
     """Return what a model is worth whose held-out error is more than noise."""
     error = f"Relative torque error {shown(worst.percent)} % on {worst.name}, more than noise."
-    if c.worst_elsewhere:
+    if e.worst_elsewhere:
         return f"The model is usable. {error}"
-    why = f": {FAIR['knowledge']}" if c.states["knowledge"] == "fair" else ""
+    why = f": {FAIR['knowledge']}" if e.states["knowledge"] == "fair" else ""
     return f"{error} Validate it on another motion before you use it{why}."
 
 
@@ -104,9 +105,9 @@ FAIR = {
 }
 
 
-def of_replay(unseen: Unseen, c: Case) -> str:
+def of_replay(unseen: Unseen, e: Evidence) -> str:
     """Return what a replayed log says."""
-    state = unseen_state(unseen, c.evidence)
+    state = unseen_state(unseen, e)
     error = f"Relative torque error {shown(unseen.percent)} %"
     if state == "good":
         if unseen.same_motion:
@@ -122,12 +123,11 @@ def of_replay(unseen: Unseen, c: Case) -> str:
     what = f"{error} on {unseen.name}, a motion{'' if unseen.same_motion else ' not'} used for training."
     if state == "bad":
         return f"Do not use this model yet. {what}"
-    return what + (f" Do not use it for {', '.join(c.weak)}." if c.weak else "")
+    return what + (f" Do not use it for {', '.join(e.weak)}." if e.weak else "")
 
 
-def of_changes(c: Case) -> str:
+def of_changes(e: Evidence) -> str:
     """Return what changed since an earlier result."""
-    e = c.evidence
     measure = "its uncertainty" if e.tolerance is None else f"{100 * e.tolerance:g} %"
     than, since = (f" {word} {e.earlier}" if e.earlier else "" for word in ("than", "since"))
     if e.changes is None:
@@ -144,11 +144,11 @@ def of_changes(c: Case) -> str:
 
 
 # ---------------------------------------------------------------- missing effects
-def of_gap(c: Case, *, nothing: bool) -> str:
+def of_gap(e: Evidence, *, nothing: bool) -> str:
     """Return what is missing; ``nothing`` says that the search found no more than noise."""
-    gap, changed = c.gap, c.gap.question == "changed"
-    if nothing and c.odd:
-        log = c.odd[0]
+    gap, changed = e.gap_evidence, e.gap_evidence.question == "changed"
+    if nothing and e.odd:
+        log = e.odd[0]
         error = f"relative torque error {shown(log.percent)} % there"
         return f"These logs show no missing effect, but {log.name} was not searched: {error}."
     if gap.named:
@@ -160,12 +160,12 @@ def of_gap(c: Case, *, nothing: bool) -> str:
         return "No missing effect found: on held-out data the residual of every joint is at its noise level."
     if nothing:
         return "No missing effect found: on held-out data no residual is above the lower bound of its noise level."
-    return unexplained(c)
+    return unexplained(e)
 
 
-def unexplained(c: Case) -> str:
+def unexplained(e: Evidence) -> str:
     """Return what is said where something is missing and no effect is proved."""
-    gap = c.gap
+    gap = e.gap_evidence
     if gap.events and {one.joint for one in gap.events}.issuperset(gap.more):
         one = gap.events[0]
         times = f"from {one.start:.1f} to {one.end:.1f} s of {one.log}"
@@ -222,20 +222,19 @@ def likely_effect(one: EffectEvidence) -> str:
 
 
 # ---------------------------------------------------------------- why
-def reasons(c: Case, sentence: str) -> Iterator[str]:
+def reasons(e: Evidence, sentence: str) -> Iterator[str]:
     """Yield why, in numbers beside what they are compared with; what the answer says is not said again."""
-    e = c.evidence
     if e.asked == "gap" and e.gap is not None:
-        yield from _gap_reasons(c)
+        yield from _gap_reasons(e)
     elif e.asked == "replay" and e.unseen:
-        yield from _replay_reasons(e.unseen[-1], c, sentence)
+        yield from _replay_reasons(e.unseen[-1], e, sentence)
     elif e.asked == "change":
         yield from _change_reasons(e.changes or ())
-    elif tested := c.worst_elsewhere:
-        yield from _replay_reasons(tested, c, sentence)
+    elif tested := e.worst_elsewhere:
+        yield from _replay_reasons(tested, e, sentence)
     # Of another arm: what this model is good for is not the question then.
     if e.asked in ("result", "replay") and not e.of_another_arm:
-        yield from _small_reasons(c)
+        yield from _small_reasons(e)
 
 
 def _change_reasons(changes: tuple[Change, ...]) -> Iterator[str]:
@@ -246,9 +245,9 @@ def _change_reasons(changes: tuple[Change, ...]) -> Iterator[str]:
         yield f"Noise alone changes {changes[0].name} as much {times} comparisons."
 
 
-def _small_reasons(c: Case) -> Iterator[str]:
+def _small_reasons(e: Evidence) -> Iterator[str]:
     """What a model is good for, and what not, where joints miss much of a torque that is small."""
-    rows = [(joint.percent or 0.0, joint) for joint in c.evidence.joints]
+    rows = [(joint.percent or 0.0, joint) for joint in e.joints]
     small = [row for row in rows if row[0] > tuning.FIT[1] and joint_state(row[1]) == "fair"]
     if not small:
         return
@@ -265,22 +264,22 @@ def _small_reasons(c: Case) -> Iterator[str]:
     )
 
 
-def _replay_reasons(unseen: Unseen, c: Case, sentence: str) -> Iterator[str]:
+def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]:
     percent = f"{shown(unseen.percent)} %"
     expected = f" (expected {unseen.expected:.2g} %)" if unseen.expected else ""
     if percent not in sentence or unseen.name not in sentence:
         yield f"Relative torque error {percent} on {unseen.name}{expected}."
     elif expected and expected not in sentence:
         yield f"The expected relative torque error was {unseen.expected:.2g} %."
-    if far := farthest(unseen, c.evidence):
+    if far := farthest(unseen, e):
         joint, error, times = far
         so_many = "" if times <= tuning.AT_NOISE else f", {times:.2g} times that"
-        noise = f"(noise {joint.floor or 0.0:.3g}{c.or_more}{so_many})"
+        noise = f"(noise {joint.floor or 0.0:.3g}{e.or_more}{so_many})"
         yield f"Largest residual relative to noise: {joint.joint}, {error:.3g} {joint.unit} {noise}."
 
 
-def _gap_reasons(c: Case) -> Iterator[str]:
-    gap, units = c.gap, {joint.joint: f" {joint.unit}" for joint in c.evidence.joints}
+def _gap_reasons(e: Evidence) -> Iterator[str]:
+    gap, units = e.gap_evidence, {joint.joint: f" {joint.unit}" for joint in e.joints}
     yield from map(likely_effect, gap.instead)
     rows = list(zip(gap.joints, gap.before, gap.after, gap.noise, strict=True))
     noises = dict(zip(gap.joints, gap.noise, strict=True))
@@ -306,7 +305,7 @@ def _gap_reasons(c: Case) -> Iterator[str]:
         yield f"Residual above the noise on {name}: {size}{others}."
     if not gap.named and not gap.events and rows:
         name, error, _, floor_ = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
-        size = f"{error:.3g}{units.get(name, '')} on held-out data (noise {floor_:.3g}{c.or_more})"
+        size = f"{error:.3g}{units.get(name, '')} on held-out data (noise {floor_:.3g}{e.or_more})"
         yield f"Largest residual relative to noise: {name}, {size}."
     if gap.kept is not None and gap.expected:
         percent = f"{gap.kept:.3g} % (expected {gap.expected:.3g} %)"
@@ -314,22 +313,26 @@ def _gap_reasons(c: Case) -> Iterator[str]:
 
 
 # ---------------------------------------------------------------- several facts together
-def warnings(c: Case) -> Iterator[str]:
+def warnings(e: Evidence) -> Iterator[str]:
     """Yield what several facts together warn of."""
-    e = c.evidence
     # The answer to a replay says it of that one.
     rows = e.unseen[:-1] if e.asked == "replay" else e.unseen
     most = max(rows, key=lambda unseen: unseen.surprise or 0.0, default=None)
     times = (most.surprise or 0.0) if most else 0.0
     # A search may say why: the arm is another one there.
-    known = c.gap.named and c.gap.question == "changed" and most and most.log in c.gap.logs
+    known = (
+        e.gap_evidence.named
+        and e.gap_evidence.question == "changed"
+        and most
+        and most.log in e.gap_evidence.logs
+    )
     if most and times > tuning.EXPECTED[0] and not at_noise(most, e) and not known:
         yield f"Do not rely on the expected error: on {most.name} it was {times:.2g} times too small."
-    if e.seconds is not None and e.seconds < tuning.SECONDS and c.states["fit"] == "good":
+    if e.seconds is not None and e.seconds < tuning.SECONDS and e.states["fit"] == "good":
         yield f"A log of {e.seconds:.2g} s is easy to fit, which says little about other motions."
     if e.gap is not None and not e.gap.repeats:
         yield "The noise is a lower bound, because no motion is repeated: record each motion twice."
-    if c.states["physics"] == "bad" and e.physical:
+    if e.states["physics"] == "bad" and e.physical:
         yield "Torques may be right where masses are not: use this model for the training motions only."
 
 
@@ -349,84 +352,88 @@ class Step:
     lights: tuple[str, ...] = ()
 
 
-def steps(c: Case) -> Iterator[Step]:
+def steps(e: Evidence) -> Iterator[Step]:
     """Yield what to do next, most urgent first."""
-    e, states = c.evidence, c.states
+    states = e.states
     if e.asked == "change" and e.changes and e.earlier_result:
-        command = f"{shell('dynid', 'gap', folder_of(e.earlier_result), *c.logs)} --ask changed"
+        command = (
+            f"{shell('dynid', 'gap', folder_of(e.earlier_result), *e.fitted_logs)} --ask changed"
+        )
         yield Step("Search for what has changed, such as a load, friction or a sensor.", command)
     if e.other is not None:
         why = f"Check whether the log is of {e.other.name}, and use the robot file of the arm that made it."
-        yield Step(why, shell("dynid", "check", c.logs[0], "--robot", e.other.name), (*states,))
+        yield Step(
+            why, shell("dynid", "check", e.fitted_logs[0], "--robot", e.other.name), (*states,)
+        )
     elif e.alarms:
         why = "The robot file and the log do not belong together: see which edit of the file explains the torques."
-        yield Step(why, shell("dynid", "check", c.logs[0], "--robot", e.robot), (*states,))
-    if e.gap and states["complete"] != "good" and (not c.odd or c.gap.named):
-        yield from _gap_steps(c)
-    yield from _doubt_steps(c)
-    yield from _unseen_steps(c)
+        yield Step(why, shell("dynid", "check", e.fitted_logs[0], "--robot", e.robot), (*states,))
+    if e.gap and states["complete"] != "good" and (not e.odd or e.gap_evidence.named):
+        yield from _gap_steps(e)
+    yield from _doubt_steps(e)
+    yield from _unseen_steps(e)
     if states["knowledge"] != "good":
         left = f"{e.open} parameters are not determined: plan" if e.open else "Plan"
         command = shell("dynid", "trajectory", e.robot)
         yield Step(f"{left} a longer motion that excites more.", command, ("knowledge",))
     if states["complete"] == "open":
         why = "Search for missing effects; two recordings of one motion measure the noise."
-        yield Step(why, c.search, ("complete",))
+        yield Step(why, e.search, ("complete",))
     if states["fit"] == "open":
         yield Step("Identify the arm.", shell("dynid", "identify", e.robot, "LOG"), ("fit",))
     if states["physics"] == "open":
-        command = f"{shell('dynid', 'identify', e.robot, *c.logs)} --feasible"
+        command = f"{shell('dynid', 'identify', e.robot, *e.fitted_logs)} --feasible"
         yield Step("Estimate physically consistent parameters.", command, ("physics",))
     if "bad" not in states.values() and states["unseen motion"] == "good":
-        command = f"{shell('dynid', 'export', c.run)} --format urdf"
+        command = f"{shell('dynid', 'export', e.run)} --format urdf"
         yield Step("Use the model in a simulator or a controller.", command)
 
 
-def _doubt_steps(c: Case) -> Iterator[Step]:
-    e, states = c.evidence, c.states
+def _doubt_steps(e: Evidence) -> Iterator[Step]:
+    states = e.states
     doubtful = tuple(name for name in ("physics", "fit") if states[name] not in ("good", "open"))
-    if doubtful and not c.searched:
-        yield Step("Search for the missing effect.", c.search, (*doubtful, "complete"))
+    if doubtful and not e.searched:
+        yield Step("Search for the missing effect.", e.search, (*doubtful, "complete"))
     elif doubtful:
-        link = _weakest(c)
+        link = _weakest(e)
         why = f"Give what is known of the arm, such as the mass of link {link} from its data sheet, and identify again."
-        command = shell("dynid", "identify", e.robot, *c.logs)
+        command = shell("dynid", "identify", e.robot, *e.fitted_logs)
         yield Step(why, f"{command} --link-mass {link}=LOW:HIGH", doubtful)
 
 
-def _unseen_steps(c: Case) -> Iterator[Step]:
-    e, states = c.evidence, c.states
+def _unseen_steps(e: Evidence) -> Iterator[Step]:
+    states = e.states
     if states["unseen motion"] == "open":
         why = "Validate the model on a recording of another motion."
-        yield Step(why, f"{shell('dynid', 'validate', c.run)} LOG", ("unseen motion",))
-    elif states["unseen motion"] != "good" and not c.searched:
+        yield Step(why, f"{shell('dynid', 'validate', e.run)} LOG", ("unseen motion",))
+    elif states["unseen motion"] != "good" and not e.searched:
         why = "Search for what is missing, or has changed, on the motion that the model does not predict."
-        yield Step(why, c.search, ("unseen motion", "complete"))
+        yield Step(why, e.search, ("unseen motion", "complete"))
     elif states["unseen motion"] != "good":
         why = "Add a recording of another motion to the training logs."
         log = next((each.log for each in e.unseen if each.log), "LOG")
-        command = shell("dynid", "identify", e.robot, log, "--update", c.run)
+        command = shell("dynid", "identify", e.robot, log, "--update", e.run)
         yield Step(why, command, ("unseen motion",))
 
 
-def _weakest(c: Case) -> int:
+def _weakest(e: Evidence) -> int:
     """Return the number of the link whose joint is fitted worst; 2 where none is known."""
-    shares = [joint.percent or 0.0 for joint in c.evidence.joints]
+    shares = [joint.percent or 0.0 for joint in e.joints]
     return shares.index(max(shares)) + 1 if any(shares) else 2
 
 
-def _gap_steps(c: Case) -> Iterator[Step]:
-    gap, e, logs = c.gap, c.evidence, c.gap.logs or ("LOG",)
+def _gap_steps(e: Evidence) -> Iterator[Step]:
+    gap, logs = e.gap_evidence, e.gap_evidence.logs or ("LOG",)
     if gap.missing and not gap.ambiguous:
         why = "Add the effect to a copy of the robot file, and identify the arm with it."
-        command = f"{shell('dynid', 'gap', c.run, *logs)} --apply best"
+        command = f"{shell('dynid', 'gap', e.run, *logs)} --apply best"
         yield Step(why, command, ("complete", "fit", "unseen motion", "physics"))
         return
     if gap.events:
         times = dict.fromkeys(f"{max(0.0, x.start):.1f}-{x.end:.1f}" for x in gap.events)
         without = [word for time in times for word in ("--exclude", time)]
         why = "Search again without the disturbances, or look for a contact or a cable there."
-        yield Step(why, shell("dynid", "gap", c.run, *logs, *without), ("complete",))
+        yield Step(why, shell("dynid", "gap", e.run, *logs, *without), ("complete",))
     if gap.unrepeatable and not gap.events:
         why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
         yield Step(why, shell("dynid", "check", logs[0], "--robot", e.robot), ("complete",))
@@ -434,7 +441,7 @@ def _gap_steps(c: Case) -> Iterator[Step]:
         # No motion helps: links of another mass make the same torques in every one.
         link = gap.joints.index(gap.effects[0].joint) + 1
         why = f"Give the mass of link {link} and a box around its centre of mass, from its drawing, and identify again."
-        command = f"{shell('dynid', 'identify', e.robot, *c.to_search)} --link-mass {link}=LOW:HIGH"
+        command = f"{shell('dynid', 'identify', e.robot, *e.to_search)} --link-mass {link}=LOW:HIGH"
         box = f"{command} --com-box {link}=X,Y,Z:X,Y,Z"
         yield Step(why, box, ("complete", "physics", "fit"))
     else:

@@ -275,7 +275,6 @@ def compare(
     """
     given = as_results(results)
     baseline = None if baseline is None else as_result(baseline, "baseline")
-    baseline_name = arguments.instance(baseline_name, str, "baseline_name", "a word")
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
     share = CompareOptions(tolerance).tolerance  # type: ignore[arg-type]  # it reads text

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dynid import arguments
 from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.errors import WrongUsage
@@ -78,9 +77,6 @@ def find_drive_gains(
     given = as_logs(logs, robot, options)
     if loaded is not None:
         given.append(as_log(loaded, robot, options, "loaded"))
-    if load_mass is not None:
-        load_mass = arguments.number(load_mass, "load_mass", "a mass in kg")
-    folder = None if folder is None else arguments.path(folder, "folder")
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
         raise WrongUsage(
             "gains cannot be found with coupled motors or with some links only",

@@ -221,8 +221,7 @@ def export(
     Example:
         dynid.export("out/kuka_lwr4plus", "arm.xml")
     """
-    result = as_result(result)
-    path, seed = arguments.path(path, "path"), arguments.whole(seed, "seed")
+    result, path = as_result(result), Path(path)
     chosen = arguments.words(formats, "formats", FORMATS)
     if write is not None and not callable(write):
         raise arguments.refused("write", "None or a function of path and text", write)

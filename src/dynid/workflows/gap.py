@@ -450,7 +450,7 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
         dynid.load("out/kuka_lwr4plus", dynid.Identification)
     """
     arguments.instance(kind, type, "kind", "a type such as dynid.Identification")
-    file = parameters_of(arguments.path(path, "path"))
+    file = parameters_of(Path(path))
     readers: dict[str, Callable[[Path], object]] = {
         "dynid/identification": load_run,
         "dynid/trajectory": read_trajectory,

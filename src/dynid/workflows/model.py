@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dynid import arguments
 from dynid.answer import Answer, picked
 from dynid.arguments import public
 from dynid.errors import NotAnArtifact, WrongUsage
@@ -221,11 +220,10 @@ def base_model(
         dynid.base_model("kuka_lwr4plus")
     """
     robot = adapted(as_robot(robot), options)
-    folder = None if folder is None else arguments.path(folder, "folder")
     stage("model")
     if folder is None:
         return in_memory(robot, options.samples, options.tolerance)
-    reduced = reduce_model(derive_model(robot, folder), options)
+    reduced = reduce_model(derive_model(robot, Path(folder)), options)
     if reduced.wrote:
         made = f"{len(reduced.base.reduction.names)} -> {reduced.base.rank} base parameters"
         stage("model", f"derived for {robot.name}: {made}, stored in {folder}")

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from dynid import arguments
 from dynid.answer import Answer, Answered, picked
 from dynid.arguments import one_thread, public
 from dynid.disk import sha256
@@ -184,7 +183,7 @@ def observe(
         stage("model")
         base = in_memory(robot)
     base = with_coulomb(base, robot.estimated_coulomb)
-    enough = not arguments.instance(drop_weak, bool, "drop_weak", "True or False")
+    enough = not drop_weak
     alone = len(several) == 1
     given = [checked_log(log, base.robot, options, identify=enough, alone=alone) for log in several]
     few = check_amount(given, base.robot) if enough and not alone else ()

@@ -70,10 +70,9 @@ def compare_in_simulator(
         raise WrongUsage(f"{len(models)} names for {count} results", fix="one name per result")
     if any(each.robot.joint_names != robot.joint_names for each in given):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
-    wanted = "a length in seconds, such as 10.0, or None for all"
-    length = np.inf if seconds is None else arguments.number(seconds, "seconds", wanted)
+    length = np.inf if seconds is None else seconds
     if not length > 0.0:
-        raise arguments.refused("seconds", wanted, seconds)
+        raise arguments.refused("seconds", "a length in seconds, or None for all", seconds)
     with heard_by():
         checked = checked_log(recording, robot, options, identify=False)
         (conditioned,) = condition_logs([checked], given[0].base.model, options)

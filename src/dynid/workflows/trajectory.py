@@ -420,7 +420,7 @@ def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> Ite
     for each in arguments.several(given, (*kinds, str, Path), "earlier", wanted, empty=True):
         known = each.stored() if isinstance(each, Plan) else each
         if isinstance(each, (str, Path)):
-            path = arguments.path(each, "earlier")
+            path = Path(each)
             # Why: a recording of rosbag2 is a folder as well.
             path = parameters_of(path) if parameters_of(path).is_file() else path
             kind = kind_of(path) if path.suffix == ".npz" else ""
@@ -516,7 +516,7 @@ def _waypoints_of(given: Waypoints | ArrayLike | str | Path, robot: Robot) -> Wa
     if isinstance(given, Waypoints):
         return given
     if isinstance(given, (str, Path)):
-        return read_waypoints(arguments.path(given, "waypoints"), robot)
+        return read_waypoints(Path(given), robot)
     try:
         points = np.asarray(given, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -580,13 +580,10 @@ def plan_trajectory(
     robot, begin = as_robot(robot), time.monotonic()
     before = list(_earlier_of(earlier, robot))
     through = None if waypoints is None else _waypoints_of(waypoints, robot)
-    urdf = None if urdf is None else arguments.path(urdf, "urdf")
-    known_drawing = "dynid.trajectory.preview.Drawing"
-    drawing = arguments.optional(drawing, Drawing, "drawing", known_drawing) or Drawing()
+    urdf = None if urdf is None else Path(urdf)
+    drawing = drawing or Drawing()
     if isinstance(for_gap, (str, Path)):
-        for_gap = read_record(arguments.path(for_gap, "for_gap"))
-    wanted = "what dynid.find_gap returns, or the path of its gap.npz"
-    for_gap = arguments.optional(for_gap, GapRecord, "for_gap", wanted)
+        for_gap = read_record(Path(for_gap))
     base = _without_effects(base or base_model(robot))
     results = [each for each in before if isinstance(each, Identification)]
     noise, source = _torque_noise(robot, options.noise, results, options.rate)

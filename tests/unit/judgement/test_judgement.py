@@ -13,8 +13,8 @@ from dynid.judgement.evidence import (
     JointEvidence,
     OtherArm,
     Unseen,
+    unseen_state,
 )
-from dynid.judgement.facts import unseen_state
 from dynid.judgement.judge import judge
 from judgement import contradictions
 
