@@ -38,10 +38,10 @@ class Declaration:
         flag: long option of the command line; "" to make it from the field's name.
         pair: whether a flag can be switched off by ``--no-...``; its default may then be None, decided by the data.
         repeatable: whether it may be given several times.
-        shown: the default as help shows it; "" to show the default itself, None to show none.
-        kind: type on the command line where the default does not tell it: ``"path"`` (file or folder), ``"file"``,
-            ``"input"`` (file that exists), ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole
-            number from 1), ``"effects"`` (identifiers that the shell completes).
+        shown: what None means, as help and the inputs of results say it.
+        kind: type on the command line where annotation and default do not tell it: ``"input"`` (file that exists),
+            ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole number from 1), ``"effects"``
+            (identifiers that the shell completes).
         bounds: smallest and largest number, None for no bound.
         off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
         deliberate: whether only the command line may give it, no variable of the environment and no file.
@@ -54,7 +54,7 @@ class Declaration:
     flag: str = ""
     pair: bool = False
     repeatable: bool = False
-    shown: str | None = None
+    shown: str = ""
     kind: str = ""
     bounds: tuple[float | None, float | None] = (None, None)
     off: str = ""

@@ -71,15 +71,14 @@ def command(session: Session, robot: str, effect: str | None) -> Answer:
         facts |= {key: story[key] for key in ("hidden", "right", "gap")}
     page = write_demo_page(top / "index.html", arm.name, chapters[-1].text[0], chapters, program())
     own = "my_arm.yaml" if robot in ARMS else robot
-    last = f"your log:  {shell('dynid', 'identify', own, 'my_log.bag')}"
-    check = "your robot:  dynid check my_arm.yaml;  " if robot in ARMS else ""
+    steps = f"{shell('dynid', 'check', own)}, then {shell('dynid', 'identify', own, 'my_log.bag')}"
     return Answer(
         {"schema": "dynid/demo/1", "robot": robot, **facts, "page": page},
         parts=(
             "",
             ("truth", chapters[2].text[-1].removesuffix(".")),
             ("page", str(page)),
-            ("next", check + last),
+            ("next", f"your robot and your log:  {steps}"),
         ),
     )
 
@@ -201,7 +200,7 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
     known = "The named effect on the held-out motion."
     chapter = Chapter(
         "A hidden effect: named, added, and the error before and after",
-        (judgement["sentence"], *judgement["reasons"], *shrunk(answer), truth),
+        (judgement["sentence"], *judgement["reasons"], truth),
         (
             f"{shell('dynid', 'identify', *identify)} --no-feasible",
             f"{shell('dynid', 'gap', *search)} --apply best -f",
@@ -232,19 +231,3 @@ def step(session: Session, title: str, name: str, *words: object) -> dict[str, A
         for sentence in (judgement["sentence"], *judgement["reasons"]):
             session.part(sentence)
     return answer
-
-
-def shrunk(answer: dict[str, Any]) -> list[str]:
-    """Return how much smaller the gap became where something was named, in torque and in the simulated motion."""
-    gap = answer["gap"]
-    if not answer["named"]:
-        return []
-    before, after = gap["heldout_before_nm"], gap["heldout_after_nm"]
-    best = min(range(len(before)), key=lambda j: after[j] / before[j])
-    joint, change = gap["joints"][best], f"from {before[best]:.3g} to {after[best]:.3g} N m"
-    said = [f"With it the held-out torque error of {joint} went {change}."]
-    if gap["simulation_before"] is not None:
-        old, new = (1e3 * gap[f"simulation_{word}"][best] for word in ("before", "after"))
-        change = f"{old:.3g} mrad before and {new:.3g} mrad after"
-        said.append(f"Simulated from its torques, {joint} is off by {change}.")
-    return said

@@ -129,10 +129,7 @@ def options_from(
 
 #: What click is told of an option by what ``Declaration.kind`` says.
 KINDS: dict[str, dict[str, Any]] = {
-    "path": {"type": PATH},
-    "file": {"type": FILE},
     "input": {"type": INPUT},
-    "folder": {"type": click.Path(file_okay=False, path_type=Path)},
     "count": {"type": click.IntRange(min=1)},
     "level": {"count": True},
     "positive": {"type": click.FloatRange(min=0, min_open=True)},
@@ -147,8 +144,9 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
     name, short = key_of(each), [f"-{each.name[0]}"] if each.name in SHORT else []
     facts |= {"default": each.default, "help": said.help, "metavar": said.metavar or None}
     facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
-    if said.shown is not None:
-        facts["show_default"] = said.shown or True
+    facts["show_default"] = said.shown or each.default not in (None, False, (), "")
+    if "Path" in str(each.type):
+        facts["type"] = PATH
     if said.pair:
         flag += f"/{said.off or '--no-' + flag[2:]}"
     elif isinstance(each.default, bool):

@@ -65,9 +65,7 @@ class QuietConsole(Console):
 class Session(Options):
     """What every command is given: the common options and the streams, to be used in a ``with`` block."""
 
-    out: Path | None = option(
-        None, "Folder of the results (default: out/ROBOT).", metavar="DIR", kind="folder"
-    )
+    out: Path | None = option(None, "Folder of the results (default: out/ROBOT).", metavar="DIR")
     force: bool = option(False, "Overwrite results without asking.", deliberate=True)
     yes: bool = option(
         False, "Answer questions with yes; never those that move the arm.", deliberate=True
@@ -77,12 +75,8 @@ class Session(Options):
     quiet: bool = option(False, "Only the answer, warnings and errors.")
     verbose: int = option(0, "More detail; twice for all.", kind="level")
     color: str = option("auto", "Colour on the terminal.", choices=("auto", "always", "never"))
-    log_file: Path | None = option(
-        None, "Append what is said on stderr to FILE.", metavar="FILE", kind="file"
-    )
-    seed: int = option(
-        0, "Seed of every random choice.", metavar="INTEGER", bounds=(0, None), shown=""
-    )
+    log_file: Path | None = option(None, "Append what is said on stderr to FILE.", metavar="FILE")
+    seed: int = option(0, "Seed of every random choice.", metavar="INTEGER", bounds=(0, None))
     debug: bool = option(False, "Show tracebacks.")
 
     def __enter__(self) -> Session:

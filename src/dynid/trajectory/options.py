@@ -55,23 +55,19 @@ class PlanOptions(Options):
     )
     duration: float = option(60.0, "Length of the motion at full speed [s].", bounds=(1, 3600))
     segments: int = option(20, "Number of quintic segments.", bounds=(2, 200))
-    basis: str = option("quintic", "Family of motions.", choices=FAMILIES, shown="")
-    optimise: bool = option(
-        True, "Search for a good motion, or take a random one.", pair=True, shown=""
-    )
+    basis: str = option("quintic", "Family of motions.", choices=FAMILIES)
+    optimise: bool = option(True, "Search for a good motion, or take a random one.", pair=True)
     cost: str = option(
         "i",
         "What the search makes small: the expected torque error on other motions (i), the volume of the error "
         "ellipsoid (d), the condition number, or the cost of the paper's Eq. 14.",
         choices=COSTS,
-        shown="",
     )
     normalise: bool = option(
         False,
         "Scale the columns to equal length in the cost, or take them as they are.",
         pair=True,
         off="--raw",
-        shown="",
     )
     weights: tuple[float, float] | None = option(
         None,
@@ -83,20 +79,18 @@ class PlanOptions(Options):
         5,
         "Number of starts of the search; when all finish, equal seeds give equal plans.",
         kind="count",
-        shown="",
     )
     seconds: float = option(
         60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, 1e6)
     )
     margin: float = option(
-        "10%", "Share of every limit that stays free.", metavar="SHARE", shown="", read=_margin
+        "10%", "Share of every limit that stays free.", metavar="SHARE", read=_margin
     )
     tool_speed: float | None = option(None, "Largest speed of the tool [m/s].", kind="positive")
     floor: float | None = option(
         "0",
         "Height of the floor in the world [m].",
         metavar="Z|none",
-        shown="",
         read=unless(("none",), lambda value: numbers(value, 1)[0]),
     )
     obstacles: tuple[Box, ...] = option(

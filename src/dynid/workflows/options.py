@@ -147,7 +147,6 @@ class ModelOptions(Options):
         200,
         "Number of random states at which singular values are computed.",
         bounds=(10, 100_000),
-        shown="",
     )
     tolerance: float | None = option(
         None,
@@ -167,7 +166,6 @@ class PriorOptions(Options):
         "Link inertias that are known before measuring: a YAML file with `links:` or `cylinders:`, or a URDF of this "
         "arm (default: those of the robot file).",
         metavar="FILE",
-        kind="file",
         read=unless((), lambda value: value if isinstance(value, Prior) else Path(value)),
     )
     total_mass: Range | None = option(
@@ -209,7 +207,6 @@ class IdentifyOptions(PriorOptions, LogOptions):
         "auto",
         "Estimator; auto takes the one that the log allows and reports why.",
         choices=METHODS,
-        shown="",
     )
     feasible: bool | None = option(
         None,
@@ -257,7 +254,6 @@ class GapOptions(LogOptions):
         "numbers: effects that remain after refitting all parameters; arm: effects that only implausible links could "
         "imitate; changed: what has changed since the model was identified; auto chooses by the logs and says why.",
         choices=("auto", *QUESTIONS),
-        shown="",
     )
     mode: str | None = option(
         None,
@@ -268,7 +264,6 @@ class GapOptions(LogOptions):
         "all",
         "Effects to try, by identifier, separated by commas.",
         metavar="all|LIST",
-        shown="",
         kind="effects",
         read=_words,
     )
@@ -282,12 +277,9 @@ class GapOptions(LogOptions):
         "1%",
         "Probability of naming an effect in logs where none is missing.",
         metavar="SHARE",
-        shown="",
         read=share,
     )
-    max_effects: int = option(
-        3, "Largest number of effects that are selected.", shown="", kind="count"
-    )
+    max_effects: int = option(3, "Largest number of effects that are selected.", kind="count")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -311,7 +303,6 @@ class ExportOptions(Options):
         "Parameters to write; auto takes the physical ones for formats with bodies, else those used for predictions.",
         choices=("auto", "physical", "plain"),
         flag="--set",
-        shown="",
     )
     urdf: Path | None = option(
         None, "Your URDF: its inertial blocks are replaced, the rest is kept.", kind="input"
@@ -393,7 +384,7 @@ class ImportOptions(Options):
         None, "Last link of the arm (default: where the chain ends or forks).", metavar="LINK"
     )
     convention: Literal["standard", "modified"] = option(
-        "standard", "DH convention.", choices=("standard", "modified"), shown=""
+        "standard", "DH convention.", choices=("standard", "modified")
     )
     name: str | None = option(None, "Name of the robot (default: the URDF's).", metavar="NAME")
 
@@ -402,7 +393,7 @@ class ImportOptions(Options):
 class SimDriverOptions(Options):
     """What is simulated, and how well it measures."""
 
-    rate: float = option(100.0, "Rate of the joint states [Hz].", bounds=(1, 1000), shown="")
+    rate: float = option(100.0, "Rate of the joint states [Hz].", bounds=(1, 1000))
     topic: str | None = option(None, "Topic of the joint states (default: the robot file's).")
     master: str | None = option(
         None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
@@ -466,20 +457,17 @@ class RecordOptions(Options):
         1,
         "How many times the motion is played, each time into the same log.",
         bounds=(1, 1000),
-        shown="",
     )
     speed: float = option(
         "100%",
         "Speed of the motion, as a share of the planned one.",
         metavar="SHARE",
-        shown="",
         read=partial(_quantity, unit="%", most=10.0),
     )
     max_deviation: float = option(
         "0.15rad",
         "Stop the arm when a joint is further than this from the planned position [rad or m].",
         metavar="DISTANCE",
-        shown="",
         read=partial(_quantity, unit="rad", most=1e3),
         deliberate=True,
     )
@@ -496,7 +484,6 @@ class RecordOptions(Options):
         "2s",
         "How long to wait for the ROS master and for messages [s].",
         metavar="SECONDS",
-        shown="",
         read=partial(_quantity, unit="s", most=86400.0),
     )
     accept_unreviewed: bool = option(
@@ -526,13 +513,11 @@ class Extras(Options):
         None,
         "Result without the load: find mass, centre and inertia of the load that the arm of the LOG carries.",
         metavar="RESULT",
-        kind="path",
     )
     loaded: Path | None = option(
         None,
         "Log of motor currents with a load of known mass: find the gains of all drives.",
         metavar="LOG",
-        kind="path",
     )
     load_mass: float | None = option(
         None,
@@ -544,5 +529,4 @@ class Extras(Options):
         None,
         "Add the LOG to this result; its own logs are not needed. It may be overwritten.",
         metavar="RESULT",
-        kind="path",
     )
