@@ -12,7 +12,7 @@ from dynid.judgement.evidence import Evidence
 from dynid.judgement.judge import Judgement, judge
 from dynid.judgement.rules import Step
 from dynid.table import Table
-from dynid.text import html
+from dynid.text import html, visible
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -57,7 +57,8 @@ class Answer:
 
     def text(self, *, details: bool = True) -> str:
         """Return the answer as text."""
-        return "\n".join(map(str, self._lines(self.details if details else ())))
+        lines = self._lines(self.details if details else ())
+        return "\n".join(visible(x) if isinstance(x, str) else repr(x) for x in lines)
 
     def _repr_html_(self) -> str:
         """Return the answer with its details for notebooks."""

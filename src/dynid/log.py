@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.answer import Answer, Answered
 from dynid.arrays import Floats
 from dynid.errors import Finding, LogLayout, PackageMissing
 from dynid.npz import write_npz
-from dynid.text import html, visible
 from dynid.units import FACTORS
 from dynid.version import __version__
 
@@ -48,8 +48,8 @@ def has_rows(value: object, samples: int) -> bool:
     return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == samples
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Answered):
     """A recording of one arm: N samples of n joints.
 
     Arrays may be anything NumPy makes an array of; they are stored as float64, without a copy where they have that type
@@ -183,28 +183,21 @@ class Log:
         """Median sample rate [Hz]."""
         return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
 
-    def _facts(self) -> dict[str, str]:
-        """Return what ``repr`` shows, by label."""
+    def answer(self) -> Answer:
+        """Return name, size, joints and findings."""
         state = "checked" if self.checked else "not checked"
-        return {
-            "log": self.source.name if self.source else "made from arrays",
-            "samples": f"{len(self)}, {self.duration:.1f} s, {self.rate:.1f} Hz",
-            "joints": f"{self.n}" + (f": {', '.join(self.names)}" if self.names else ", not named"),
-            "columns": "position, torque" + (", velocity" if self.qd is not None else ""),
-            "quantities": f"{'DH' if self.dh else 'those of the driver'}, {state}",
-            **{finding.code: finding.text for finding in self.findings},
-        }
-
-    def __repr__(self) -> str:
-        """Return name, size, joints and findings, one line each."""
-        return "\n".join(visible(f"{label:<10} {text}") for label, text in self._facts().items())
-
-    def _repr_html_(self) -> str:
-        rows = (
-            f"<tr><th>{label}</th><td>{html(text)}</td></tr>"
-            for label, text in self._facts().items()
+        names = f": {', '.join(self.names)}" if self.names else ", not named"
+        return Answer(
+            {"log": self.name, "samples": len(self)},
+            parts=(
+                ("log", self.source.name if self.source else "made from arrays"),
+                ("samples", f"{len(self)}, {self.duration:.1f} s, {self.rate:.1f} Hz"),
+                ("joints", f"{self.n}{names}"),
+                ("columns", "position, torque" + ", velocity" * (self.qd is not None)),
+                ("quantities", f"{'DH' if self.dh else 'those of the driver'}, {state}"),
+                *self.findings,
+            ),
         )
-        return f"<table>{''.join(rows)}</table>"
 
     def to_dataframe(self) -> DataFrame:
         """Return the samples as a pandas table: index ``t``, columns ``q_<joint>``, ``qd_<joint>``, ``tau_<joint>``.

@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dynid.answer import Answer, Answered
 from dynid.arrays import Floats
 from dynid.errors import Finding, JointCountDiffers, WrongUsage
 from dynid.table import Table
@@ -299,7 +300,7 @@ class EffectSpec:
 
 
 @dataclass(frozen=True, repr=False)
-class Robot:
+class Robot(Answered):
     """One serial arm.
 
     Attributes:
@@ -434,7 +435,7 @@ class Robot:
         """Shape of the Coulomb sign of an arm of which no more is known."""
         return Coulomb("smooth", tuple(0.01 if joint.revolute else 1e-3 for joint in self.joints))
 
-    def table(self) -> Table:
+    def answer(self) -> Answer:
         """Return the DH table with the limits, one row per joint; angles in degrees."""
 
         def limit(value: float | None, joint: Joint) -> float | None:
@@ -456,16 +457,8 @@ class Robot:
             for joint in self.joints
         ]
         gravity = ", ".join(f"{g:g}" for g in self.gravity)
-        return Table(
-            rows, f"{self.name}: {self.convention} DH, gravity ({gravity}) m/s^2 in frame 0"
-        )
-
-    def __repr__(self) -> str:
-        """Return the table as text."""
-        return repr(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
+        what = f"{self.name}: {self.convention} DH, gravity ({gravity}) m/s^2 in frame 0"
+        return Answer({"robot": self.name}, what, (Table(rows),))
 
     @cached_property
     def model_key(self) -> str:

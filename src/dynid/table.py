@@ -28,21 +28,15 @@ class Table(list[dict[str, Any]]):
 
     Args:
         rows: dictionaries with the same keys, in the order of the columns.
-        title: a line above the table.
-        footer: lines below it.
         styles: how words in it look on a terminal.
     """
 
     def __init__(
         self,
         rows: Sequence[Mapping[str, Any]],
-        title: str = "",
-        footer: Sequence[str] = (),
         styles: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         super().__init__(map(dict, rows))
-        self.title = title
-        self.footer = tuple(footer)
         self.styles = styles
 
     def to_dataframe(self) -> DataFrame:
@@ -59,7 +53,7 @@ class Table(list[dict[str, Any]]):
 
     def __repr__(self) -> str:
         """Return the table as text with aligned columns."""
-        lines = [self.title] if self.title else []
+        lines = []
         if self:
             heads = list(self[0])
             cells = [[cell_text(row[head]) for head in heads] for row in self]
@@ -73,21 +67,16 @@ class Table(list[dict[str, Any]]):
                     for text, width, number in zip(row, widths, numbers, strict=True)
                 )
                 lines.append("  ".join(aligned).rstrip())
-        return "\n".join([*lines, *self.footer])
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         """Return the table as HTML for notebooks."""
-        parts = [f"<p>{html(self.title)}</p>"] if self.title else []
-        if self:
-            heads = "".join(f"<th>{html(str(head))}</th>" for head in self[0])
-            body = "".join(
-                "<tr>"
-                + "".join(f"<td>{html(cell_text(value))}</td>" for value in row.values())
-                + "</tr>"
-                for row in self
-            )
-            parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
-        return "".join([*parts, *(f"<p>{html(line)}</p>" for line in self.footer)])
+        if not self:
+            return ""
+        heads = "".join(f"<th>{html(str(head))}</th>" for head in self[0])
+        rows = ("".join(f"<td>{html(cell_text(x))}</td>" for x in row.values()) for row in self)
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def with_error(value: float, error: float | None) -> str:

@@ -173,7 +173,6 @@ def _report(error: DynidError, color: str) -> dict[str, str]:
 def _crash(error: BaseException, words: Sequence[str], trace: str) -> dict[str, str]:
     """Write a crash file, say where it is, and return the same for JSON."""
     import platform
-    import tempfile
     from datetime import datetime
 
     command, here = " ".join(["dynid", *words]), os.environ.get("PWD", "")
@@ -181,17 +180,15 @@ def _crash(error: BaseException, words: Sequence[str], trace: str) -> dict[str, 
     text = "\n".join([*facts, f"command: {command}", f"folder: {here}", "", trace])
     name = f"crash-{datetime.now().astimezone():%Y%m%d-%H%M%S}-{os.getpid()}.txt"
     what, file = f"{type(error).__name__}: {error}", ""
-    for folder in (cache_folder(), Path(tempfile.gettempdir())):
-        with suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_text(text, encoding="utf-8", errors="backslashreplace")
-            file = str(folder / name)
-            break
+    with suppress(OSError):
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        (cache_folder() / name).write_text(text, encoding="utf-8", errors="backslashreplace")
+        file = str(cache_folder() / name)
     _echo(f"internal error: {visible(what)[:200]}")
-    if file:
-        _echo(f"  details in {file}; report it with that file, or run again with --debug")
-    else:
-        _echo("  no crash file could be written; run again with --debug to see the details")
+    where = (
+        f"details in {file}; report it with that file" if file else "no crash file could be written"
+    )
+    _echo(f"  {where}, or run again with --debug")
     return {"code": "E700", "what": what, "where": file}
 
 

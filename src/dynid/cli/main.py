@@ -131,12 +131,9 @@ def _complete() -> None:
     """Answer the shell's request for completions; with nothing where the words so far are wrong."""
     from click.shell_completion import shell_complete
 
-    # Why: the word that is completed comes back in the answer, and a shell may show it.
-    typed = "".join(os.environ.get(name, "") for name in ("COMP_WORDS", "COMP_CWORD"))
     with suppress(Exception):
-        if typed.replace("\n", "").isprintable():
-            how = os.environ["_DYNID_COMPLETE"]
-            sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", how))
+        how = os.environ["_DYNID_COMPLETE"]
+        sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", how))
     sys.exit(1)
 
 

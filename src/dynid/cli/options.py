@@ -213,19 +213,6 @@ def words_of(value: Value) -> str | list[str]:
     return [item.text() for item in value.items()] if value.is_list else value.text()
 
 
-def _say_settings(session: Session) -> None:
-    """Say which options a file of the working folder has set: nobody may notice that it lies there."""
-    ctx = click.get_current_context()
-    files = (LOCAL_CONFIG, ctx.meta["dynid.config"])
-    used = {
-        name: each.file
-        for name, each in ctx.meta.get("dynid.settings", {}).items()
-        if each.file in files and ctx.get_parameter_source(name) is ParameterSource.DEFAULT_MAP
-    }
-    if used:
-        session.stage("settings", f"{next(iter(used.values()))} sets {', '.join(used)}")
-
-
 # ---------------------------------------------------------------- commands
 class Command(click.Command):
     """A command with examples in its help, variables for its options, and the common options set apart."""
@@ -313,7 +300,6 @@ def dynid_command(
                 with heard_by(inner.progress):
                     return answered(inner, function(inner, **values))
             with Session(**given) as session, heard_by(session.progress):
-                _say_settings(session)
                 answer = function(session, **values)
                 facts = answered(session, answer)
                 if session.json:

@@ -11,21 +11,19 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+import yaml
 from click.core import ParameterSource
 
 from dynid.cli.commands import COMMANDS
 from dynid.cli.session import Session
 from dynid.disk import write_text
-from dynid.errors import DynidError, WrongUsage
+from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
 from dynid.text import yaml_text
 from dynid.version import __version__
-
-if TYPE_CHECKING:
-    from dynid.files.yamlfile import Value
 
 NAME = "run.yaml"
 #: Common options about the terminal and the files, which change no result and are not repeated.
@@ -66,11 +64,10 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> None:
         inputs: sha256 of every input by name.
     """
     ctx = click.get_current_context()
-    path, arguments, runs = folder / NAME, arguments_of(ctx), {}
-    with suppress(OSError, DynidError):
-        for name, value in read_yaml(path).entries().items():
-            with suppress(DynidError):
-                runs[name] = _data(value)
+    path, arguments = folder / NAME, arguments_of(ctx)
+    runs: dict[str, Any] = {}
+    with suppress(OSError, ValueError, TypeError, yaml.YAMLError):
+        runs = dict(yaml.safe_load(path.read_text(encoding="utf-8")))
     runs[str(ctx.info_name)] = {
         "dynid": __version__,
         "command": shlex.join(["dynid", str(ctx.info_name), *arguments]),
@@ -78,13 +75,6 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> None:
         "inputs": dict(inputs),
     }
     write_text(path, yaml_text(runs, sort_keys=True, width=10**6, default_flow_style=False))
-
-
-def _data(value: Value) -> Any:  # noqa: ANN401
-    # Why not what PyYAML makes of it: merged mappings in a file from somebody else could fill the memory.
-    if value.is_mapping:
-        return {key: _data(item) for key, item in value.entries().items()}
-    return [_data(item) for item in value.items()] if value.is_list else value.text()
 
 
 def repeated(ctx: click.Context, args: list[str]) -> list[str]:

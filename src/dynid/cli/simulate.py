@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -60,16 +61,12 @@ def command(
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
     simulation = workflows.simulate.simulate(arm, source, options)
-    facts, wrote = simulation.facts(), []
+    wrote = []
     if may_write(session, target, inputs):
         target.parent.mkdir(parents=True, exist_ok=True)
         wrote.append(simulation.log.save(target, session.header(inputs)))
-    return Answer(
-        facts,
-        notes=[("physics", f"{facts['physics']}; the arm follows the motion exactly")],
-        wrote=wrote,
-        next=[Step("", f"dynid identify {arm.word} {shell(target)}")],
-    )
+    step = Step("", f"dynid identify {arm.word} {shell(target)}")
+    return replace(simulation.answer(), wrote=wrote, next=[step])
 
 
 def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answer:
@@ -78,4 +75,4 @@ def compared(session: Session, before: Path, after: Path, log: Path, engine: str
     gap = work.compare_in_simulator([before, after], log, engine=engine)
     folder = session.out or (after if after.is_dir() else after.parent)
     wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{engine}.png")]
-    return Answer(gap.facts(), parts=(gap.sentence(), gap.table()), wrote=wrote)
+    return replace(gap.answer(), wrote=wrote)

@@ -11,11 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.answer import Answer, Answered, Part
 from dynid.arrays import Floats
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
@@ -27,16 +28,12 @@ from dynid.npz import write_artifact
 from dynid.robot import FRICTION_PARAMETERS, LINK_PARAMETERS, Robot
 from dynid.table import Table
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-
 #: What stands for a class in the table of classes.
 SYMBOLS = {"alone": "#", "combined": "+", "none": ".", "absent": ""}
 
 
 @dataclass(frozen=True, repr=False)
-class BaseModel:
+class BaseModel(Answered):
     """A model with its base parameters theta = K gamma, the most that torques can tell (Paper Eq. 13).
 
     Attributes:
@@ -105,7 +102,7 @@ class BaseModel:
             kind = "alone" if parameter in alone else "combined"
             made_of = parameter if kind == "alone" else relations.get(name, "").partition(" = ")[2]
             rows.append({"name": name, "unit": units[parameter], "class": kind, "made of": made_of})
-        return Table(rows, self._title(), (self.where,) if self.where else ())
+        return Table(rows)
 
     def class_table(self) -> Table:
         """Return the paper's Table 8: one row per joint, one column per kind of parameter, the class in each cell."""
@@ -117,7 +114,7 @@ class BaseModel:
         for j, joint in zip(numbers, self.robot.joints, strict=True):
             cells = {kind: symbols.get(f"{kind}{j}", "") for kind in kinds}
             rows.append({"joint": f"{j} {joint.name}", **cells})
-        return Table(rows, self._title(), (self.legend,))
+        return Table(rows, styles={"#": "bold green", ".": "red"})
 
     @property
     def sentence(self) -> str:
@@ -137,24 +134,11 @@ class BaseModel:
         totals = f"totals  {len(base.alone)}   {len(base.combined)}   {len(base.none)}"
         return f"# alone   + in a combination   . not identifiable   {totals}   = {len(base.names)}"
 
-    def to_dataframe(self) -> DataFrame:
-        """Return the table of base parameters as a pandas DataFrame.
-
-        Raises:
-            PackageMissing: pandas is not installed.
-        """
-        return self.table().to_dataframe()
-
-    def __repr__(self) -> str:
-        """Return the table of classes as text."""
-        return repr(self.class_table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
-
-    def _title(self) -> str:
-        count = len(self.reduction.names)
-        return f"{self.robot.name}: {count} parameters, {self.rank} base parameters"
+    def answer(self) -> Answer:
+        """Return the table of classes, and what each combination is made of."""
+        relations = [f"  {each}" for each in (*self.relations.values(), self.where) if each]
+        parts: list[Part] = ["", self.class_table(), self.legend, *relations]
+        return Answer({"robot": self.robot.name}, self.sentence, parts, details=(self.table(),))
 
 
 #: Base models that are kept in memory, by the key of their robot: naming its relations takes a second.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid.answer import Answer, Answered
 from dynid.arrays import Floats
 from dynid.files.artifact import read_artifact, reading
 from dynid.npz import write_artifact
@@ -19,7 +20,7 @@ SHAPES = {"t": "N", "q": "N n", "simulated": "models N n", "added": "models N n"
 
 
 @dataclass(frozen=True, repr=False)
-class SimulatorGap:
+class SimulatorGap(Answered):
     """Simulated compared with measured motion of one or several models of an arm; N samples, n joints.
 
     Attributes:
@@ -125,6 +126,6 @@ class SimulatorGap:
         arrays = (artifact.arrays[key] for key in SHAPES)
         return cls(robot, log, engine, tuple(models), *arrays)
 
-    def __repr__(self) -> str:
+    def answer(self) -> Answer:
         """Return the answer and the table."""
-        return f"{self.sentence()}\n{self.table()!r}"
+        return Answer(self.facts(), self.sentence(), (self.table(),))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from math import degrees
 from pathlib import Path
 
 from dynid.answer import Answer, picked
 from dynid.files.robotfile import robot_text
 from dynid.files.urdffile import read_urdf
 from dynid.model.from_urdf import import_arm
-from dynid.robot import Robot, roll_pitch_yaw
+from dynid.robot import roll_pitch_yaw
 from dynid.table import Table
 from dynid.workflows.options import ImportOptions
 
@@ -63,7 +62,7 @@ def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> tuple[s
         parts=(
             *made.findings,
             ("robot", f"{robot.name}, {chain}"),
-            _dh_table(robot),
+            Table([{head: row[head] for head in [*row][:6]} for row in robot.table()]),
             ("check", f"forward kinematics agree with the URDF to {made.largest:.1e} m and rad"),
             (
                 "torque",
@@ -75,20 +74,3 @@ def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> tuple[s
         prior = ("prior", f"masses {masses} kg, inertias moved into the DH frames")
         answer = replace(answer, parts=(*answer.parts, prior))
     return robot_text(robot, head), answer
-
-
-def _dh_table(robot: Robot) -> Table:
-    """Return the DH table with angles in degrees."""
-    return Table(
-        [
-            {
-                "joint": joint.name,
-                "type": joint.type,
-                "a [m]": f"{joint.a:.6g}",
-                "twist [deg]": f"{degrees(joint.twist):.6g}",
-                "d [m]": f"{joint.d:.6g}",
-                "theta offset [deg]": f"{degrees(joint.theta_offset):.6g}",
-            }
-            for joint in robot.joints
-        ]
-    )

@@ -29,7 +29,6 @@ from dynid.model.regressor import Model, build_model
 from dynid.progress import Progress, stage
 from dynid.robot import Robot
 from dynid.runs import RunFolder
-from dynid.table import Table
 from dynid.text import whole_number
 from dynid.workflows.options import ModelOptions
 
@@ -109,10 +108,7 @@ class DerivedModel:
         """Return what ``dynid model`` answers: the classes, and what each combination is made of."""
         if self.reduction is None:
             return Answer(self.facts(), f"The equations of {self.model.robot.name} are ready.")
-        base = self.base
-        relations = [f"  {each}" for each in (*base.relations.values(), base.where) if each]
-        table = Table(base.class_table(), styles={"#": "bold green", ".": "red"})
-        return Answer(self.facts(), base.sentence, ("", table, base.legend, *relations))
+        return replace(self.base.answer(), facts=self.facts())
 
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid.answer import Answer, Answered
 from dynid.arguments import public
 from dynid.arrays import Floats
 from dynid.errors import WrongRobotFile, WrongUsage
@@ -30,8 +31,8 @@ from dynid.workflows.options import SimulateOptions
 PHYSICS = "MuJoCo's inverse dynamics"
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, repr=False)
+class Simulation(Answered):
     """A simulated log.
 
     Attributes:
@@ -46,15 +47,16 @@ class Simulation:
     viscous: Floats
     coulomb: Floats
 
-    def facts(self) -> dict[str, Any]:
-        """Return what the JSON answer of ``dynid simulate`` says."""
-        return {
+    def answer(self) -> Answer:
+        """Return what ``dynid simulate`` answers."""
+        facts = {
             "schema": "dynid/simulate/1",
             "physics": PHYSICS,
-            "samples": len(self.log.t),
-            "duration_s": float(self.log.t[-1] - self.log.t[0]),
+            "samples": len(self.log),
+            "duration_s": self.log.duration,
             "torque_max_nm": np.abs(self.torque).max(axis=0).tolist(),
         }
+        return Answer(facts, notes=[("physics", f"{PHYSICS}; the arm follows the motion exactly")])
 
 
 @public
