@@ -5,7 +5,7 @@ The checks are those of the planner; here they include the approach, at the spee
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +17,13 @@ from dynid.record import tuning
 from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
 from dynid.trajectory.clearance import Capsules, tool_speed
+from dynid.trajectory.feasible import bounds
 from dynid.trajectory.limits import (
     Torque,
-    Violation,
     fitting_alpha,
     floor2,
+    joint_violations,
     raise_worst,
-    range_violations,
-    torque_violations,
 )
 from dynid.trajectory.preview import measure_poses, require_clear
 from dynid.trajectory.scene import Distance, Scene
@@ -32,21 +31,6 @@ from dynid.trajectory.scene import Distance, Scene
 APPROACH_FIX = (
     "drive the arm nearer to the start by hand or joystick: the approach moves all joints at once"
 )
-
-
-@dataclass(frozen=True)
-class PeakTorque:
-    """The largest predicted torque.
-
-    Attributes:
-        joint: its name.
-        share: of its rating.
-        time: when [s].
-    """
-
-    joint: str
-    share: float
-    time: float
 
 
 @dataclass(frozen=True)
@@ -126,23 +110,9 @@ def forecast(
         speed_rad_s=speed,
         tool_speed_m_s=tool,
         closest_m=near[0].distance if near else None,
-        torque_share=_torque_share(robot, played, forecaster),
+        torque_share=check_torque(robot, played, forecaster),
         torque_by=forecaster.source,
     )
-
-
-def _torque_share(robot: Robot, played: PlayedMotion, forecaster: TorqueForecaster) -> float | None:
-    """Judge the torques; return the largest share of a rating, None where nothing can be said."""
-    if forecaster.torque is None:
-        stage("forecast", f"no torques: {forecaster.words}")
-        return None
-    peak = check_torque(robot, played, forecaster.torque)
-    if peak is None:
-        stage("forecast", "no torques: the robot file has no ratings")
-        return None
-    largest = f"{100 * peak.share:.0f} % of the rating ({peak.joint} at t = {peak.time:.1f} s)"
-    stage("forecast", f"torques up to {largest}, by {forecaster.words}")
-    return peak.share
 
 
 def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
@@ -153,26 +123,16 @@ def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
     """
     motion = played.motion
     _check_consistent(motion)
-    raise_worst(_violations(robot, played), 0.0, _speed)
+    limits = bounds(robot)
+    # A joint without end may have been turned further than a plan would turn it.
+    endless = [joint.limits.position is None for joint in robot.joints]
+    lower, upper = np.where(endless, -np.inf, limits.lower), np.where(endless, np.inf, limits.upper)
+    moved = {"position": motion.q, "velocity": motion.qd, "acceleration": motion.qdd}
+    series = {key: [(motion.t, own) for own in values.T] for key, values in moved.items()}
+    limits = replace(limits, lower=lower, upper=upper)
+    raise_worst(joint_violations(robot, limits, series, played.speed), 0.0, _speed)
     peaks = np.abs(motion.qd).max(axis=0)
     return robot.joint_names[int(peaks.argmax())], float(peaks.max())
-
-
-def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
-    motion, violations = played.motion, []
-    for j, joint in enumerate(robot.joints):
-        limits = joint.limits
-        low, high = limits.position or (-np.inf, np.inf)
-        ranges = [("position", motion.q, low, high, max(1.0, abs(high)))]
-        for quantity, values in (("velocity", motion.qd), ("acceleration", motion.qdd)):
-            most = getattr(limits, quantity) or np.inf
-            ranges.append((quantity, values, -most, most, most))
-        for quantity, values, lower, upper, size in ranges:
-            within = lower, upper, 1e-6 * size
-            violations += range_violations(
-                joint, quantity, motion.t, values[:, j], within, played.speed
-            )
-    return violations
 
 
 def _speed(alpha: float) -> str:
@@ -230,29 +190,40 @@ def check_clearance(
     return tuple(d for d in distances if not d.usual)
 
 
-def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorque | None:
-    """Refuse a motion whose predicted torques come near the ratings; return the largest, None without any rating.
+def check_torque(robot: Robot, played: PlayedMotion, forecaster: TorqueForecaster) -> float | None:
+    """Refuse a motion whose predicted torques come near the ratings; return the largest share of a rating.
 
     Args:
         robot: the arm.
         played: what will be played.
-        torque: predicted torques of a motion, (N, n).
+        forecaster: predicts the torques.
+
+    Returns:
+        None where nothing predicts torques, or no joint has a rating.
 
     Raises:
         LimitBroken: with joint, torque, time, and the speed that would pass.
     """
     rating = np.array([joint.limits.torque or np.inf for joint in robot.joints])
-    if not np.isfinite(rating).any():
+    if forecaster.torque is None or not np.isfinite(rating).any():
+        unrated = "the robot file has no ratings"
+        stage("forecast", f"no torques: {unrated if forecaster.torque else forecaster.words}")
         return None
     some = slice(None, None, 1 + len(played.motion) // tuning.TORQUE_POSES)
     motion = Motion(*(x[some] for x in vars(played.motion).values()))
-    tau, limit = torque(motion), tuning.PREDICTED_TORQUE_SHARE * rating
+    tau, limit = forecaster.torque(motion), tuning.PREDICTED_TORQUE_SHARE * rating
     if np.any(np.abs(tau) > limit):
-        alpha = fitting_alpha(motion, limit, torque)
-        violations = torque_violations(
-            robot, limit, tau, motion.t, None if alpha is None else alpha * played.speed
-        )
+        alpha = fitting_alpha(motion, limit, forecaster.torque)
+        slower = None if alpha is None else alpha * played.speed
+        drives = {"torque": [(motion.t, own) for own in tau.T]}
+        violations = joint_violations(robot, replace(bounds(robot), torque=limit), drives, slower)
         raise_worst(violations, 1 - tuning.PREDICTED_TORQUE_SHARE, _speed)
     share = np.abs(tau) / rating
     k, j = np.unravel_index(share.argmax(), share.shape)
-    return PeakTorque(robot.joint_names[j], float(share[k, j]), float(motion.t[k]))
+    largest = float(share[k, j])
+    where = f"{robot.joint_names[j]} at t = {motion.t[k]:.1f} s"
+    stage(
+        "forecast",
+        f"torques up to {100 * largest:.0f} % of the rating ({where}), by {forecaster.words}",
+    )
+    return largest

@@ -5,7 +5,7 @@ Positions, speeds and accelerations are compared by their exact extrema, torques
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import LimitBroken
 from dynid.motion import Motion
-from dynid.robot import Joint, Robot
+from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.clearance import tool_speed
 from dynid.trajectory.feasible import Bounds
@@ -100,20 +100,12 @@ def check_trajectory(
     """
     alpha, middle = trajectory.alpha, (limits.upper + limits.lower) / 2
     motion = trajectory.sampled(tuning.CHECK_RATE_HZ * alpha)
-    peaks, violations = np.empty((3, robot.n)), []
-    ranges = {
-        "position": (limits.lower, limits.upper),
-        "velocity": (-limits.velocity, limits.velocity),
-        "acceleration": (-limits.acceleration, limits.acceleration),
-    }
-    for order, (quantity, (lower, upper)) in enumerate(ranges.items()):
-        for j, (when, values) in enumerate(trajectory.stationary(order)):
-            low, high = values.min(), values.max()
-            nearest = high if high - middle[j] > middle[j] - low else low
-            peaks[order, j] = max(abs(low), abs(high)) if order else nearest
-            rounding = tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper[j] - lower[j])
-            within = float(lower[j]), float(upper[j]), rounding
-            violations += range_violations(robot.joints[j], quantity, when, values, within, alpha)
+    extremes = [trajectory.stationary(order) for order in range(3)]
+    series = dict(zip(("position", "velocity", "acceleration"), extremes, strict=True))
+    violations, peaks = joint_violations(robot, limits, series, alpha), np.empty((3, robot.n))
+    for (order, j), _ in np.ndenumerate(peaks):
+        away = extremes[order][j][1] - (0.0 if order else middle[j])
+        peaks[order, j] = np.abs(away).max() if order else middle[j] + away[np.abs(away).argmax()]
     shares = [
         np.abs(peaks[0] - middle) / ((limits.upper - limits.lower) / 2),
         peaks[1] / limits.velocity,
@@ -125,7 +117,8 @@ def check_trajectory(
         if np.any(np.abs(tau) > limits.torque * (1 + tuning.LIMIT_ROUNDING_SHARE)):
             path = trajectory.slowed(1.0).sampled(tuning.CHECK_RATE_HZ / 10)
             slower = fitting_alpha(path, limits.torque, torque, alpha)
-        violations += torque_violations(robot, limits.torque, tau, motion.t, slower)
+        drives = {"torque": [(motion.t, own) for own in tau.T]}
+        violations += joint_violations(robot, limits, drives, slower)
         shares.append(np.abs(tau).max(axis=0) / limits.torque)
         largest = np.abs(tau).max(axis=0).tolist()
     moving = tool_speed(robot, motion.q, motion.qd)
@@ -137,38 +130,46 @@ def check_trajectory(
     return LimitCheck(largest_of_joints, tuple(violations), fastest)
 
 
-def range_violations(
-    joint: Joint,
-    quantity: str,
-    when: Floats,
-    values: Floats,
-    within: tuple[float, float, float],
+def joint_violations(
+    robot: Robot,
+    limits: Bounds,
+    series: Mapping[str, Sequence[tuple[Floats, Floats]]],
     alpha: float | None,
 ) -> list[Violation]:
-    """Return by how much a joint leaves its limits at worst, [] where it keeps them.
+    """Return by how much joints leave their limits at worst.
 
     Args:
-        joint: the joint.
-        quantity: position, velocity, acceleration or torque.
-        when: times, (N,) [s].
-        values: of the quantity then, (N,).
-        within: lower and upper limit, and by how much rounding may exceed them.
-        alpha: speed factor of the motion; of a torque that at which it fits.
+        robot: the arm.
+        limits: limits, margins taken off.
+        series: of position, velocity, acceleration or torque, times [s] and values of each joint, (N,) each.
+        alpha: speed factor of the motion; that at which torques fit, None where they never do.
     """
-    lower, upper, rounding = within
-    beyond = np.maximum(values - upper, lower - values)
-    worst = int(beyond.argmax())
-    if not beyond[worst] > rounding:
-        return []
-    value, time = float(values[worst]), float(when[worst])
-    limit = upper if value > upper else lower
-    if quantity == "position":
-        alpha = None
-    else:
-        if alpha is not None and quantity != "torque":
-            alpha *= (limit / value) ** (0.5 if quantity == "acceleration" else 1.0)
-        value, limit = abs(value), abs(limit)
-    return [Violation(joint.name, quantity, value, limit, time, alpha, joint.revolute)]
+    violations = []
+    for quantity, of_joints in series.items():
+        if quantity == "position":
+            lowest, highest = limits.lower, limits.upper
+        else:
+            highest = getattr(limits, quantity)
+            lowest = -highest
+        for joint, lower, upper, (t, values) in zip(
+            robot.joints, lowest.tolist(), highest.tolist(), of_joints, strict=True
+        ):
+            beyond = np.maximum(values - upper, lower - values)
+            worst = int(beyond.argmax())
+            if not beyond[worst] > tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper - lower):
+                continue
+            value, time = float(values[worst]), float(t[worst])
+            limit, slower = upper if value > upper else lower, alpha
+            if quantity == "position":
+                slower = None
+            elif slower is not None and quantity != "torque":
+                slower *= (limit / value) ** (0.5 if quantity == "acceleration" else 1.0)
+            if quantity != "position":
+                value, limit = abs(value), abs(limit)
+            violations.append(
+                Violation(joint.name, quantity, value, limit, time, slower, joint.revolute)
+            )
+    return violations
 
 
 def require_within_limits(check: LimitCheck, margin: float = 0.0) -> None:
@@ -226,25 +227,6 @@ def floor2(value: float) -> float:
     # Why not a power of ten: of the least numbers that there are, it is none any more.
     digits, _, exponent = f"{value * (1 + 1e-10):.17e}".partition("e")
     return float(f"{digits[:3]}e{exponent}")
-
-
-def torque_violations(
-    robot: Robot, limit: Floats, tau: Floats, t: Floats, alpha: float | None
-) -> list[Violation]:
-    """Return broken torque limits.
-
-    Args:
-        robot: the arm.
-        limit: (n,) [N m or N].
-        tau: predicted torques, (N, n).
-        t: their times, (N,) [s].
-        alpha: speed factor at which all torques fit; None when there is none.
-    """
-    violations = []
-    for joint, most, own in zip(robot.joints, limit.tolist(), tau.T, strict=True):
-        within = -most, most, tuning.LIMIT_ROUNDING_SHARE * most
-        violations += range_violations(joint, "torque", t, own, within, alpha)
-    return violations
 
 
 def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0) -> float | None:

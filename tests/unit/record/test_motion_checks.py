@@ -6,7 +6,12 @@ import pytest
 from arms import simulated_torques
 from dynid import load_robot
 from dynid.errors import Collision, LimitBroken
-from dynid.record.motion_checks import check_clearance, check_limits, check_torque
+from dynid.record.motion_checks import (
+    TorqueForecaster,
+    check_clearance,
+    check_limits,
+    check_torque,
+)
 from dynid.record.playing import PlayedMotion, approach, joined
 from dynid.sim.arm import SimulatedArm
 from dynid.trajectory.scene import Box, Scene, scene_from
@@ -24,10 +29,14 @@ def only(joint, size):
     return size * (np.arange(7) == joint - 1)
 
 
+def forecaster(torque):
+    return TorqueForecaster(torque, "a simulation", "")
+
+
 @pytest.fixture(scope="module")
 def bullet():
     arm = SimulatedArm(LWR)
-    return lambda motion: simulated_torques(arm, motion.q, motion.qd, motion.qdd)
+    return forecaster(lambda motion: simulated_torques(arm, motion.q, motion.qd, motion.qdd))
 
 
 def advised(error, speed=1.0):
@@ -60,14 +69,15 @@ def test_a_torque_near_the_rating_is_refused_with_the_speed_that_passes(bullet):
         check_torque(LWR, PlayedMotion(motion), bullet)
     speed = advised(caught.value)
     load = check_torque(LWR, PlayedMotion(motion.at_speed(speed), speed=speed), bullet)
-    assert load.share <= 0.7
+    assert load <= 0.7
     faster = motion.at_speed(1.08 * speed)
-    assert np.abs(bullet(faster)[:, 1]).max() > 0.7 * 176
+    assert np.abs(bullet.torque(faster)[:, 1]).max() > 0.7 * 176
 
 
 def test_a_pose_that_is_too_heavy_is_refused_at_any_speed(bullet):
+    heavy = forecaster(lambda motion: 4 * bullet.torque(motion))
     with pytest.raises(LimitBroken) as caught:
-        check_torque(LWR, PlayedMotion(swing(only(2, 0.8))), lambda motion: 4 * bullet(motion))
+        check_torque(LWR, PlayedMotion(swing(only(2, 0.8))), heavy)
     assert "slower does not help" in caught.value.fix
 
 
