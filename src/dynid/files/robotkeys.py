@@ -17,6 +17,7 @@ from dynid.drivers.interface import DRIVERS
 from dynid.errors import AngleTooLarge, WrongRobotFile
 from dynid.files import tuning
 from dynid.files.yamlfile import Reader, Value
+from dynid.options import number_or_nan
 from dynid.robot import (
     FRICTION_PARAMETERS,
     MOST_JOINTS,
@@ -216,10 +217,7 @@ def _links(value: Value) -> tuple[int, ...]:
 
 def _share(value: Value) -> float:
     text = value.text().strip()
-    try:
-        share = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
-    except ValueError:
-        share = -1.0
+    share = number_or_nan(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
     if not 0.0 <= share < 1.0:
         raise value.wrong(f" = {text} must be a share from 0 to below 100 %", "such as 5%")
     return share

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,7 +95,7 @@ class Urdf:
             link = carrier[link].parent
         return tuple(reversed(joints))
 
-    def behind(self, link: str, stop: Sequence[str] = ()) -> list[tuple[UrdfJoint, Floats]]:
+    def behind(self, link: str, stop: Container[str] = ()) -> list[tuple[UrdfJoint, Floats]]:
         """Return the joints that hang on a link, with the pose of their child in the link's frame at q = 0.
 
         Args:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from dynid.errors import DynidError, Finding, NotANumber, NotYaml, UnknownKey, WrongRobotFile
+from dynid.options import number_or_nan
 from dynid.text import closest
 from dynid.units import ANGLE
 
@@ -232,19 +233,11 @@ class Value:
 
 
 def _number_advice(raw: str) -> str:
-    """Say what to write for a text that was meant as a number."""
-    if re.fullmatch(r"[-+]?\d+[eE][-+]?\d+", raw):
-        mantissa, exponent = re.split("[eE]", raw)
-        return f"is text in YAML; write {mantissa}.0e{exponent}"
-    if re.fullmatch(r"[-+]?\d+,\d+", raw):
-        return f"is text; write {raw.replace(',', '.')}"
-    if re.fullmatch(r"[-+]?\d+:\d+", raw):
-        return "is a base-60 number in YAML; write it in degrees or radians"
-    if _OCTAL.fullmatch(raw):
-        return f"is octal in YAML; write {raw.lstrip('0') or '0'}"
-    if _NUMBER.fullmatch(raw):
-        return f"is text in YAML; write {float(raw)!r} without quotes"
-    return "is not a number"
+    """Say what to write for a text that was meant as a number, in whatever notation."""
+    meant = number_or_nan(raw.replace(",", "."))
+    return (
+        f"is something else in YAML; write {meant!r}" if math.isfinite(meant) else "is not a number"
+    )
 
 
 #: What makes a value from its place in a file, or says what is wrong there.

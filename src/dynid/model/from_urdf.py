@@ -87,13 +87,9 @@ def _chains(urdf: Urdf, joint: UrdfJoint) -> tuple[int, list[str]]:
 
 def _next_moving(urdf: Urdf, link: str) -> list[UrdfJoint]:
     """Return the moving joints that hang on a link, directly or behind fixed ones."""
-    moving, waiting = [], [link]
-    while waiting:
-        before = waiting.pop()
-        ahead = [joint for joint in urdf.joints if joint.parent == before]
-        moving += [joint for joint in ahead if joint.moves]
-        waiting += [joint.child for joint in reversed(ahead) if not joint.moves]
-    return moving
+    moving = {joint.name: joint for joint in urdf.joints if joint.moves}
+    here = {link, *(joint.child for joint, _ in urdf.behind(link, moving))}
+    return [joint for joint in moving.values() if joint.parent in here]
 
 
 def import_arm(

@@ -85,13 +85,10 @@ def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
     rotations, (origins, axes, points) = np.empty((n, 3, 3, count)), np.empty((3, n, 3, count))
     step, shift = np.empty((3, 3, count)), np.empty((3, count))
     for i, joint in enumerate(robot.joints):
-        theta = joint.theta_offset + (q[:, i] if joint.revolute else np.zeros(count))
-        d = joint.d + (np.zeros(count) if joint.revolute else q[:, i])
-        angle, twist = (
-            (np.cos(theta), np.sin(theta)),
-            (math.cos(joint.twist), math.sin(joint.twist)),
-        )
-        rows, along = dh_step(robot.convention, angle, twist, joint.a, d)
+        theta = joint.theta_offset + q[:, i] * joint.revolute
+        twist = math.cos(joint.twist), math.sin(joint.twist)
+        d = joint.d + q[:, i] * (not joint.revolute)
+        rows, along = dh_step(robot.convention, (np.cos(theta), np.sin(theta)), twist, joint.a, d)
         for j in range(3):
             shift[j] = along[j]
             for k in range(3):

@@ -18,7 +18,6 @@ from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.preview import STILLS, Drawing
-from dynid.trajectory.scene import Distance
 
 #: Colours that colour-blind people tell apart (Okabe and Ito); repeated for arms of more joints.
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#9a8a00")
@@ -34,7 +33,6 @@ def draw_motion(
     drawing: Drawing,
     trajectory: Trajectory,
     capsules: Capsules,
-    nearest: Sequence[Distance],
     pictures: Sequence[Picture],
 ) -> None:
     """Write the still and the animation of a motion, whole or not at all.
@@ -43,12 +41,11 @@ def draw_motion(
         drawing: where to, and the title.
         trajectory: the motion.
         capsules: the arm and its surroundings.
-        nearest: least distances, the closest first; capsules are drawn at the first one too.
         pictures: PyBullet's, spread over the motion; capsules are drawn in place of none.
     """
     from PIL import Image
 
-    pictures = pictures or _sketched(trajectory, capsules, nearest)
+    pictures = pictures or _sketched(trajectory, capsules)
     if drawing.picture is not None:
         some = np.linspace(0, len(pictures) - 1, STILLS).round().astype(int)
         sheet = _sheet(drawing.title, trajectory, capsules.robot, [pictures[k] for k in some])[0]
@@ -121,26 +118,20 @@ def _sheet(
     return canvas, images, lines
 
 
-def _sketched(
-    trajectory: Trajectory, capsules: Capsules, nearest: Sequence[Distance]
-) -> list[Picture]:
-    """Return pictures of capsules spread over a motion, one of them where it is nearest to something."""
-    times, pictures = np.linspace(0.0, trajectory.duration, STILLS), []
-    if nearest:
-        times[np.abs(times - nearest[0].time).argmin()] = nearest[0].time
+def _sketched(trajectory: Trajectory, capsules: Capsules) -> list[Picture]:
+    """Return pictures of capsules spread over a motion."""
     path = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
-    everywhere, poses = (capsules.ends(q)[0] for q in (path.q, trajectory.motion(times).q))
-    scene, tool = capsules.scene, everywhere[:, -1, 1]
+    poses, scene, pictures = capsules.ends(path.q)[0], capsules.scene, []
     corners = [corner for box in scene.obstacles for corner in (box.lower, box.upper)]
-    points = np.vstack([everywhere.reshape(-1, 3), *corners])
+    points = np.vstack([poses.reshape(-1, 3), *corners])
     width = 2 * POINTS * HIGH * 0.75 / np.ptp(points, axis=0).max()
-    for time, ends in zip(times.tolist(), poses, strict=True):
+    for k in np.linspace(0, PATH - 1, STILLS).round().astype(int):
         canvas = _canvas(WIDE, HIGH)
         axes = canvas.figure.add_axes((-0.15, -0.15, 1.3, 1.3), projection="3d")
         axes.view_init(ELEVATION, AZIMUTH)
         axes.tick_params(labelsize=6)
-        axes.plot(*tool.T, color="#bbbbbb", lw=0.7)
-        for i, (link, radius) in enumerate(zip(ends, capsules.radii, strict=True)):
+        axes.plot(*poses[:, -1, 1].T, color="#bbbbbb", lw=0.7)
+        for i, (link, radius) in enumerate(zip(poses[k], capsules.radii, strict=True)):
             look = {"color": COLORS[i % len(COLORS)], "alpha": 0.8}
             axes.plot(*link.T, lw=radius * width, solid_capstyle="round", **look)
         if scene.floor is not None:
@@ -149,9 +140,6 @@ def _sketched(
         for box in scene.obstacles:
             axes.bar3d(*box.lower, *np.subtract(box.upper, box.lower), color="#d55e00", alpha=0.3)
         axes.set_aspect("equal")
-        if nearest and time == nearest[0].time:
-            words = f"{nearest[0].pair}: {1000 * nearest[0].distance:.0f} mm"
-            canvas.figure.text(0.5, 0.95, words, ha="center", fontsize=10)
         canvas.draw()
-        pictures.append((time, _pixels(canvas)))
+        pictures.append((float(path.t[k]), _pixels(canvas)))
     return pictures

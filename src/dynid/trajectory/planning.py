@@ -335,7 +335,7 @@ def require_clear_motion(
         assert drawing.draw is not None
         count = FRAMES if drawing.animation else STILLS
         pictures = [] if finding else photographs(trajectory, robot, urdf, scene, count)
-        drawing.draw(drawing, trajectory, context.capsules, clear.distances, pictures)
+        drawing.draw(drawing, trajectory, context.capsules, pictures)
 
     fix = clearance_fix(robot, guessed=urdf is None or bool(finding))
     try:

@@ -28,8 +28,8 @@ from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.scene import Distance, Scene
 
-#: Draws a motion into the files of a ``Drawing``: with the arm's capsules, nearest distances, PyBullet's pictures.
-Draw = Callable[["Drawing", Trajectory, Capsules, "Sequence[Distance]", "Sequence[Picture]"], None]
+#: Draws a motion into the files of a ``Drawing``, with the arm's capsules and PyBullet's pictures.
+Draw = Callable[["Drawing", Trajectory, Capsules, "Sequence[Picture]"], None]
 #: Pictures of an animation, and of a still.
 FRAMES, STILLS = 60, 6
 

@@ -17,20 +17,18 @@ from dynid.disk import write_text
 from dynid.errors import Finding, NotAnArtifact, NotPhysical, WrongUsage
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import Identification
-from dynid.exporters import (
-    EFFECTS,
-    FORMATS,
+from dynid.exporters import FORMATS
+from dynid.exporters.effects_file import EFFECTS, HOSTS, wanted
+from dynid.exporters.full_model import full_model, model_of
+from dynid.exporters.interface import (
+    RESIDUAL,
     Agreement,
     Format,
     IdentifiedArm,
     LoadingFailed,
     NotTried,
     Provenance,
-    full_model,
 )
-from dynid.exporters.effects_file import HOSTS, wanted
-from dynid.exporters.full_model import model_of
-from dynid.exporters.interface import RESIDUAL
 from dynid.exporters.simulated import simulated
 from dynid.loading import ResultLike, as_result
 from dynid.model.base_model import BaseModel

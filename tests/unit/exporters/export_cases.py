@@ -10,11 +10,12 @@ import models
 from arms import pinocchio_torques, random_bodies, random_robot
 from dynid import load_robot
 from dynid.estimation.residual_model import GROUPS, ModelError
-from dynid.exporters import FORMATS, FullModel, IdentifiedArm, Provenance
+from dynid.exporters import FORMATS
 from dynid.exporters.code import imported
 from dynid.exporters.effects_file import EFFECTS, own_values, stepped
 from dynid.exporters.engines import bullet_body, own_torques
-from dynid.exporters.full_model import world_gravity
+from dynid.exporters.full_model import FullModel, world_gravity
+from dynid.exporters.interface import IdentifiedArm, Provenance
 from dynid.exporters.simulated import numbers_of
 from dynid.exporters.urdf import joints_of
 from dynid.model.effects.catalogue import CATALOGUE

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from export_cases import off_in_pinocchio, off_in_pybullet, shipped, with_effect, written
 
-from dynid.exporters import EFFECTS, FORMATS
+from dynid.exporters import FORMATS
 from dynid.exporters.code import imported
+from dynid.exporters.effects_file import EFFECTS
 from dynid.exporters.engines import bullet_body
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.simulated import simulated

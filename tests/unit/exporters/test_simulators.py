@@ -8,7 +8,8 @@ import pytest
 from export_cases import SHIPPED, off_in_pinocchio, off_in_pybullet, random, shipped, written
 from numpy.testing import assert_allclose
 
-from dynid.exporters import EFFECTS, FORMATS
+from dynid.exporters import FORMATS
+from dynid.exporters.effects_file import EFFECTS
 from dynid.exporters.full_model import model_of
 from dynid.robot import Body
 

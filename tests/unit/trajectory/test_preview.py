@@ -104,7 +104,7 @@ def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     look = Drawing(tmp_path / "a.png", tmp_path / "a.gif", "a title")
     plan = towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0)
     pictures = photographs(plan, lwr.robot, urdf(lwr.robot), Scene(), FRAMES)
-    draw_motion(look, plan, Capsules(lwr.robot), (), pictures)
+    draw_motion(look, plan, Capsules(lwr.robot), pictures)
     still = np.asarray(Image.open(look.picture).convert("RGB")).astype(int)
     assert still.shape[0] > 600
     assert still.shape[1] > 1000
