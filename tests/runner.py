@@ -46,6 +46,9 @@ class Ended:
 class Runner:
     """Commands are lines as a person types them; words after the line are taken as they are."""
 
+    #: Whether commands run in forks of a process that knows rospy.
+    ros = False
+
     def __init__(self, folder, home):
         self.folder, self.home = folder, home
         for each in (folder, home):
@@ -60,7 +63,7 @@ class Runner:
         }
 
     def forked(self, words, streams, env):
-        return Command(server(), words, self.folder, {**self.env, **env}, streams)
+        return Command(server(self.ros), words, self.folder, {**self.env, **env}, streams)
 
     def __call__(self, line="", *more, stdin=None, **env):
         """Run with stdin not a terminal, in a fork; extra keywords are variables of the environment."""

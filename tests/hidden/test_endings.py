@@ -110,3 +110,29 @@ def test_a_spring_is_named_through_lost_samples():
             kept &= np.abs(log.t - at) > rng.uniform(0.05, 0.15)
         logs[k] = replace(log, t=log.t[kept], q=log.q[kept], tau=log.tau[kept])
     assert named(look(logs)) == {("spring", (4,))}
+
+
+# ---------------------------------------------------------------- sizes that effects are not in proportion to
+def found(effects, **options):
+    logs = [
+        recorded(plan, seconds=12.0, noise=10 * plan + k, start=17.0 * (2 * plan + k), **options)
+        for plan in (1, 2, 3)
+        for k in range(2)
+    ]
+    return find_gap(identify(ROBOT, logs, feasible=False), logs, effects=effects).named
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "size", "near"),
+    [("encoder_offset", 2, 0.126, 0.01), ("joint_elasticity", 3, 0.0042, 0.1)],
+)
+def test_a_large_size_is_right_and_leaves_nothing_for_a_companion(name, joint, size, near):
+    """An encoder zero of an eighth of a radian, and a gear that bends by some hundredths of one."""
+
+    def lead(rigid):
+        return only(joint, size * (rigid[:, joint] if "elastic" in name else np.ones(len(rigid))))
+
+    (one,) = found("encoder_offset,joint_elasticity,spring,end_stop", lead=lead)
+    assert (one.effect, one.indices) == (name, (joint,))
+    (value,) = one.values.values()
+    assert value == pytest.approx(size, rel=near)

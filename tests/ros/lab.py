@@ -14,7 +14,6 @@ import yaml
 from dynid import load_robot
 from dynid.files.logs import read_log
 from dynid.files.trajectoryfile import Review, StoredTrajectory, motion_hash, write_trajectory
-from forkserver import Command, server
 from motions import there_and_back
 from runner import Ended, Runner, split
 
@@ -29,16 +28,17 @@ ACTION = f"{CONTROLLER}/follow_joint_trajectory"
 class Child:
     """A dynid process; what it says is read when it has ended."""
 
-    def __init__(self, words, lab, stdin=None):
-        self.said = lab.folder / f"stdout-{time.monotonic_ns()}.txt"
-        self.log = lab.folder / f"stderr-{time.monotonic_ns()}.txt"
+    def __init__(self, lab, words, stdin=None):
+        self.said, self.log = (
+            lab.folder / f"{name}-{time.monotonic_ns()}.txt" for name in ("stdout", "stderr")
+        )
         with (
             self.said.open("w") as out,
             self.log.open("w") as err,
             Path(os.devnull).open() as nothing,
         ):
             streams = [each.fileno() for each in (stdin or nothing, out, err)]
-            self.process = Command(server(ros=True), words, lab.folder, lab.env, streams)
+            self.process = lab.forked(words, streams, {})
 
     def running(self):
         return not self.process.ended()
@@ -58,23 +58,25 @@ class Child:
         return Ended(self.process.wait(LIMIT), self.said.read_text(), self.log.read_text())
 
 
-class Lab:
+class Lab(Runner):
     """One folder, one master, any number of processes."""
 
+    ros = True
+
     def __init__(self, folder, uri):
-        self.folder, self.children = folder, []
-        self.env = Runner(folder, folder / "home").env
+        super().__init__(folder, folder / "home")
+        self.children = []
         self.env |= {"ROS_MASTER_URI": uri, "OMP_NUM_THREADS": "1", "TERM": ""}
 
-    def start(self, *words, **options):
+    def begin(self, *words, **options):
         """Start a process; text is a line as a person types it."""
         line = [part for each in words for part in (split(each) if each is str(each) else [each])]
-        self.children.append(Child(line, self, **options))
+        self.children.append(Child(self, line, **options))
         return self.children[-1]
 
     def driver(self, robot, *words):
         """Start a simulated driver and wait until it publishes."""
-        child = self.start(f"watched-driver {robot} --json", *words)
+        child = self.begin(f"watched-driver {robot} --json", *words)
         child.wait_for("stop ")
         return child
 
@@ -90,14 +92,14 @@ class Lab:
         return self.driver(robot, "--pose", path, f"--fault {fault}" if fault else "", *words), path
 
     def record(self, robot, *words, **options):
-        return self.start(f"record {robot}", *words, **options).end()
+        return self.begin(f"record {robot}", *words, **options).end()
 
     def move(self, robot, trajectory, *words):
         return self.record(robot, trajectory, f"--move {robot}", *words)
 
     def moving(self, robot, trajectory, *words, **options):
         """Start a recording and wait until the arm moves."""
-        child = self.start(f"record {robot} --move {robot}", trajectory, *words, **options)
+        child = self.begin(f"record {robot} --move {robot}", trajectory, *words, **options)
         child.wait_for("stops the arm")
         time.sleep(1.0)
         return child

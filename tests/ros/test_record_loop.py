@@ -25,7 +25,7 @@ def planned(lab, robot, names):
     """Plan motions, look at their pictures unattended, and accept them; return their paths."""
     line = f"trajectory {robot}"
     children = [
-        lab.start(line, PLAN, f"--seed {seed} --out {name}") for seed, name in enumerate(names)
+        lab.begin(line, PLAN, f"--seed {seed} --out {name}") for seed, name in enumerate(names)
     ]
     paths = [lab.folder / name / "trajectory.npz" for name in names]
     for child, path in zip(children, paths, strict=True):
@@ -33,7 +33,7 @@ def planned(lab, robot, names):
         assert (path.parent / "preview.png").stat().st_size > 10_000
         assert not read_trajectory(path).reviewed, "nobody has said yes"
         accepted = ("--review", path, "--accept", "--preview", "none")
-        assert lab.start(line, *accepted).end().good
+        assert lab.begin(line, *accepted).end().good
         assert read_trajectory(path).reviewed
     return paths
 
@@ -60,14 +60,14 @@ def recorded(lab, robot, trajectory, rate, *words):
 def identified(lab, robot, log):
     """Identify from a log, step by step; return the parameters."""
     words = (robot, log, "--out", log.parent.parent / "found", "-q")
-    assert lab.start("parameters", *words).end().good
-    assert lab.start("identify", *words, "--holdout none").end().good
+    assert lab.begin("parameters", *words).end().good
+    assert lab.begin("identify", *words, "--holdout none").end().good
     return log.parent.parent / "found" / "parameters.npz"
 
 
 def predicts(lab, robot, parameters, unseen):
     """Assert that a model predicts another recording within 1.2 times the noise that the simulator added."""
-    answer = lab.start("validate", parameters, unseen, "--no-plot --json").end().facts
+    answer = lab.begin("validate", parameters, unseen, "--no-plot --json").end().facts
     noise = read_plant(ROOT / "trajectories" / TRUTH[robot]).sensors.torque_noise
     errors = np.array([joint["rms_nm"] for joint in answer["joints"]])
     assert np.all(errors <= 1.2 * np.array(noise)), (errors, noise)
@@ -102,7 +102,7 @@ def test_another_program_may_move_the_arm_while_it_is_recorded(lab):
     driver = lab.driver(KINOVA, "--rate 100")
     facts = lab.record(KINOVA, "--listen-only --duration 2 --json").facts
     assert 190 <= facts["messages"] <= 215
-    child = lab.start(f"record {KINOVA} --listen-only --out until-stopped")
+    child = lab.begin(f"record {KINOVA} --listen-only --out until-stopped")
     child.wait_for("listening")
     time.sleep(0.5)
     child.send(signal.SIGTERM)

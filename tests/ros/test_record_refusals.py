@@ -1,15 +1,12 @@
 """What keeps an arm from moving: nobody typed its name, or something is not in order. Every refusal sends nothing."""
 
 import os
-import pty
 import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from lab import KINOVA, LIMIT, LWR, MIDDLE, Ended, store
+from lab import KINOVA, LWR, MIDDLE, store
 
 from dynid.files.trajectoryfile import read_trajectory, write_trajectory
 from motions import standing
@@ -17,30 +14,21 @@ from motions import standing
 
 def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab):
     driver, trajectory = lab.ready(KINOVA)
-    words = (KINOVA, trajectory)
-    status, shown = typed(lab, trajectory, b"\ny\nyes\n", "--yes")
-    runs = [lab.record(*words, "--yes"), lab.record(*words)]
-    closed = subprocess.Popen(
-        [sys.executable, "-m", "dynid", "record", *map(str, words)],
-        cwd=lab.folder,
-        env=lab.env,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: os.close(0),
-    )
-    out, err = closed.communicate(timeout=LIMIT)
+    line = f"record {KINOVA}"
+    asked = lab.typing(line, trajectory, "--no-convert", "--yes", keys=["\ny\nyes\n"])
+    closed = lab.fresh(line, trajectory, preexec_fn=lambda: os.close(0))
+    runs = [closed, lab.record(KINOVA, trajectory, "--yes"), lab.record(KINOVA, trajectory)]
     yes = subprocess.Popen(["yes", KINOVA], stdout=subprocess.PIPE)
-    runs.append(lab.record(*words, "--yes", stdin=yes.stdout))
+    runs.append(lab.record(KINOVA, trajectory, "--yes", stdin=yes.stdout))
     yes.kill()
     yes.communicate()
     lab.env |= dict.fromkeys(("DYNID_MOVE", "DYNID_RECORD_MOVE"), KINOVA)
     lab.env |= {"DYNID_YES": "1", "DYNID_NO_INPUT": "0"}
-    runs.append(lab.record(*words))
-    for done in [*runs, Ended(closed.returncode, out, err)]:
+    runs.append(lab.record(KINOVA, trajectory))
+    for done in runs:
         done.failed(7, "error[E703]", f"--move {KINOVA}")
-    assert status == 7, "not even a person's yes on a terminal stands for the name"
-    assert "error[E704]" in shown
+    assert asked.status == 7, "not even a person's yes on a terminal stands for the name"
+    assert "error[E704]" in asked.err
     assert lab.finish(driver)["commands"] == 0
 
 
@@ -55,41 +43,14 @@ def test_a_file_of_the_folder_answers_nothing_and_moves_nothing(lab):
     assert "unknown key 'move'" in done.err
 
 
-def typed(lab, trajectory, line, *words):
-    """Run on a pseudo-terminal and type a line when the robot's name is asked for."""
-    master, slave = pty.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "dynid", "record", KINOVA, str(trajectory), "--no-convert", *words],
-        cwd=lab.folder,
-        env=lab.env,
-        stdin=slave,
-        stderr=slave,
-        stdout=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    os.close(slave)
-    shown, end = b"", time.monotonic() + 60
-    while time.monotonic() < end:
-        try:
-            shown += os.read(master, 65536)
-        except OSError:
-            break
-        if line and b"name to start:" in shown:
-            os.write(master, line)
-            line = b""
-    os.close(master)
-    return process.wait(timeout=10), shown.decode()
-
-
 def test_a_wrong_name_moves_nothing_and_the_right_one_does(lab):
     driver, trajectory = lab.ready(KINOVA)
-    status, shown = typed(lab, trajectory, b"kinova\n")
-    assert status == 7
-    assert "error[E704]" in shown
-    assert "the arm was not moved" in shown
-    status, shown = typed(lab, trajectory, b"kinova_gen2\n")
-    assert status == 0, shown
-    assert "moved " in shown
+    line = f"record {KINOVA} --no-convert"
+    wrong = lab.typing(line, trajectory, keys=["kinova\n"])
+    assert wrong.status == 7
+    assert "error[E704]" in wrong.err
+    assert "the arm was not moved" in wrong.err
+    assert "moved " in lab.typing(line, trajectory, keys=["kinova_gen2\n"]).good.err
     assert 300 < lab.finish(driver)["commands"] < 330
 
 
@@ -119,7 +80,7 @@ def test_what_preflight_refuses_is_not_sent(lab):
     ]
     # Why: three at once, because each of them listens for two seconds; more would keep the driver from its rate.
     for some in (cases[:3], cases[3:]):
-        running = [lab.start(f"record {KINOVA} --move {KINOVA}", *words) for words, *_ in some]
+        running = [lab.begin(f"record {KINOVA} --move {KINOVA}", *words) for words, *_ in some]
         for (_, status, said), child in zip(some, running, strict=True):
             child.end().failed(status, said)
     assert not list((folder / "out").rglob("log.bag"))
@@ -151,7 +112,7 @@ def test_torques_without_gravity_are_refused(lab):
     plans = {robot: lab.ready(robot, 3.0, "gravity-free")[1] for robot in topics}
     for robot, topic in topics.items():
         line = f"record {robot} --move {robot} --topic {topic}"
-        running.append(lab.start(line, plans[robot]))
+        running.append(lab.begin(line, plans[robot]))
     for child in running:
         child.end().failed(3, "error[E317]")
 

@@ -1,19 +1,33 @@
 """Physical fits against Clarabel's conic solver, and what the prior of poor data is worth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from conic import clarabel_optimum
+from dynid import load_robot
 from dynid.errors import NotPhysical
 from dynid.estimation import tuning
 from dynid.estimation.possible_arm import (
+    curvature,
     feasible_start,
     fit_physical,
     fit_pooled,
+    rounded,
     with_honest_errors,
 )
-from dynid.estimation.possible_set import basis, make_constraints
+from dynid.estimation.possible_set import (
+    basis,
+    body_parameters,
+    make_constraints,
+    pseudo_inertia,
+    smallest_eigenvalues,
+)
+from dynid.model import build_model
 from dynid.model.parameters import numbered
+from dynid.model.regressor import prior_vector
+from dynid.robot import LINK_PARAMETERS, Body
 from synthetic_arm import arm_with_measured_friction, holds
 
 REGIMES = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "poor": (300, 0.2, 10.0)}
@@ -186,3 +200,137 @@ def test_a_joint_that_moves_one_way_only_has_friction_of_the_size_of_the_others(
     assert x[0] + x[3] == pytest.approx(2.1, abs=0.05)
     assert 0.7 < x[0] < 2.5
     np.testing.assert_allclose(x[[1, 2, 4, 5]], truth[[1, 2, 4, 5]], atol=0.05)
+
+
+# ---------------------------------------------------------------- pseudo-inertias and bounds of textbook bodies
+def test_pseudo_inertia_is_the_second_moment_of_point_masses():
+    rng = np.random.default_rng(1)
+    points, masses = rng.standard_normal((20, 3)), rng.uniform(0.1, 1, 20)
+    homogeneous = np.column_stack([points, np.ones(20)])
+    expected = np.einsum("k,ka,kb->ab", masses, homogeneous, homogeneous)
+    total = sum(Body(m, tuple(p)).parameters() for m, p in zip(masses, points, strict=True))
+    assert np.allclose(pseudo_inertia(total), expected)
+
+
+def test_maps_are_inverse_of_each_other():
+    bodies = np.random.default_rng(2).standard_normal((5, 10))
+    assert np.allclose(body_parameters(pseudo_inertia(bodies)), bodies)
+
+
+def test_a_rod_thicker_than_its_length_allows_is_refused():
+    possible = Body(1.0, (0.1, 0, 0), (0.01, 0, 0, 0.01, 0, 0.015)).parameters()
+    impossible = Body(
+        1.0, (0.1, 0, 0), (0.01, 0, 0, 0.01, 0, 0.021)
+    ).parameters()  # Izz > Ixx + Iyy
+    assert smallest_eigenvalues(possible[None]).min() > 0.0
+    assert smallest_eigenvalues(np.stack([possible, impossible])).min() < 0.0
+    assert smallest_eigenvalues(np.stack([possible, impossible]))[1] == pytest.approx(
+        -0.0005, rel=0.05
+    )
+
+
+def test_bounds_hold_inside_and_break_outside():
+    parameters = [numbered(kind, 1, "") for kind in (*LINK_PARAMETERS, "fv", "fo")]
+    names = [parameter.name for parameter in parameters]
+    x = np.concatenate(
+        [Body(2.0, (0.1, 0, 0), (0.1, 0, 0, 0.1, 0, 0.1)).parameters(), [0.1, 1.0, -3.0]]
+    )
+    box = {1: (np.array([0, -1, -1]), np.array([0.2, 1, 1]))}
+    constraints = make_constraints(parameters, x, total_mass=(1, 3), com_box=box)
+    assert holds(constraints, x)
+    for change in ({"m1": 2.0}, {"mcx1": 0.5}, {"fv1": -2.0}, {"Im1": -0.2}, {"mcx1": -0.3}):
+        broken = x.copy()
+        for name, value in change.items():
+            broken[names.index(name)] += value
+        assert not holds(constraints, broken), change
+
+
+# ---------------------------------------------------------------- the prior of bodies far from what was foreseen
+@pytest.fixture(scope="module")
+def constraints():
+    model = build_model(load_robot("kinova_gen2"))
+    return make_constraints(model.parameters, prior_vector(model))
+
+
+def price(constraints, x, gamma):
+    """gamma sum [-logdet P + 1/s logdet((1 - s) B + s P)], written from the paper's density."""
+    P, B = pseudo_inertia(x[constraints.bodies]), constraints.prior_pseudo_inertia
+    mixed = np.linalg.slogdet((1 - tuning.PRIOR_FOLLOWED) * B + tuning.PRIOR_FOLLOWED * P)[1]
+    return gamma * np.sum(mixed / tuning.PRIOR_FOLLOWED - np.linalg.slogdet(P)[1])
+
+
+def test_bodies_minimise_the_price_and_the_misfit(constraints):
+    """The objective, written anew, neither falls nor rises with the size of any link."""
+    rng = np.random.default_rng(0)
+    c = len(constraints.prior)
+    R = np.zeros((c, c))
+    bodies = constraints.bodies.ravel()
+    size = np.abs(constraints.prior[bodies]) + 0.01 * np.abs(constraints.prior[bodies]).max()
+    R[:, bodies] = rng.normal(size=(c, len(bodies))) / size
+    r = R @ (5.0 * constraints.prior)
+    fit, _ = fit_pooled(R, r, constraints)
+
+    def objective(x):
+        return 0.5 * np.sum((R @ x - r) ** 2) + price(constraints, x, 3.0)
+
+    for link in constraints.bodies:
+        larger, smaller = fit.x.copy(), fit.x.copy()
+        larger[link] *= np.exp(1e-4)
+        smaller[link] *= np.exp(-1e-4)
+        assert abs(objective(larger) - objective(smaller)) / 2e-4 < 0.2
+        larger[link] = fit.x[link] * np.exp(0.3)
+        smaller[link] = fit.x[link] * np.exp(-0.3)
+        assert objective(fit.x) < min(objective(larger), objective(smaller))
+
+
+def test_a_body_ten_times_as_large_as_foreseen_is_believed_sooner(constraints):
+    """One measurement, worth 10 % of it, says that the last link has ten times its prior mass."""
+    R = np.zeros((1, len(constraints.prior)))
+    mass = constraints.bodies[-1, 0]
+    true = 10.0 * constraints.prior[mass]
+    R[0, mass] = 1.0 / (0.1 * true)
+    masses = [
+        fit.x[mass] / true
+        for fit in (
+            fit_physical(R, R[:, mass] * true, constraints),
+            fit_pooled(R, R[:, mass] * true, constraints)[0],
+        )
+    ]
+    assert masses[0] < 0.8
+    assert masses[1] > 0.9
+
+
+def test_curvature_is_that_of_the_price_along_geodesics(constraints):
+    """P(t) = P^1/2 exp(t V) P^1/2: the second derivative at 0, for the last link away from its prior."""
+    rng = np.random.default_rng(1)
+    x = constraints.prior * 1.0
+    last = constraints.bodies[-1]
+    x[last] = 4.0 * x[last]
+    H = curvature(constraints, x)[-1]
+    P = pseudo_inertia(x[last])
+    value, vector = np.linalg.eigh(P)
+    half = vector * np.sqrt(value) @ vector.T
+    B = constraints.prior_pseudo_inertia[-1]
+    A = rng.normal(size=(4, 4))
+    w, U = np.linalg.eigh(A + A.T)
+
+    def along(t):
+        Pt = half @ (U * np.exp(t * w)) @ U.T @ half
+        mixed = np.linalg.slogdet((1 - tuning.PRIOR_FOLLOWED) * B + tuning.PRIOR_FOLLOWED * Pt)[1]
+        return 3.0 * (mixed / tuning.PRIOR_FOLLOWED - np.linalg.slogdet(Pt)[1])
+
+    second = (along(1e-3) - 2 * along(0.0) + along(-1e-3)) / 1e-6
+    tangent = half @ (U * w) @ U.T @ half
+    step = np.linalg.lstsq(basis().reshape(10, 16).T, tangent.ravel(), rcond=None)[0]
+    assert step @ H @ step == pytest.approx(second, rel=1e-4)
+
+
+def test_rounded_cylinders_weigh_the_same_together_and_none_is_a_needle(constraints):
+    found = rounded(constraints)
+    masses = (x.prior[x.bodies[:, 0]] for x in (constraints, found))
+    before, after = masses
+    assert after.sum() == pytest.approx(before.sum())
+    assert after.min() > 0.09 * after.mean() > before.min()
+    assert smallest_eigenvalues(found.prior[found.bodies]).min() > 0.0
+    empty = replace(constraints, bodies=constraints.bodies[:0])
+    assert rounded(empty) is empty

@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from signal_cases import RNG, moving_log, robot
 
-from dynid import Log, load_robot
+from dynid import Log, Robot, load_robot
 from dynid.errors import (
     JointNamesDiffer,
     LogTooShort,
@@ -18,9 +20,10 @@ from dynid.errors import (
     WrongMessageType,
 )
 from dynid.files.logs import read_log
-from dynid.signals.checks import prepare
+from dynid.robot import Joint, Limits
+from dynid.signals.checks import check_ranges, prepare
 from dynid.signals.columns import take_samples
-from dynid.signals.stamps import with_even_clock
+from dynid.signals.stamps import with_even_clock, with_rising_time, without_copies, without_stale
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
 
@@ -321,7 +324,7 @@ def test_good_recordings_of_real_arms_pass_without_a_false_warning(robot, record
 
 
 # ---------------------------------------------------------------- stamps
-def moved(t):
+def known(t):
     """Return a log of a motion that is known at every time."""
     q = np.stack([np.sin(0.9 * t) + 0.2 * np.sin(4 * t), 0.8 * np.cos(0.7 * t)], axis=1)
     return Log(t, q, np.zeros_like(q), ("a", "b"))
@@ -330,7 +333,7 @@ def moved(t):
 def test_stamps_that_come_late_are_put_on_an_even_clock():
     rng, t = np.random.default_rng(3), np.arange(4000) / 200.0
     stamps = np.maximum.accumulate(t + rng.exponential(5e-4, len(t))) + 1e-9 * np.arange(4000)
-    found = with_even_clock(replace(moved(t), t=stamps))
+    found = with_even_clock(replace(known(t), t=stamps))
     assert np.std(found.t - t) < 2e-5  # the mean lateness cannot be known
     assert codes(found) == ["W323"]
 
@@ -338,16 +341,117 @@ def test_stamps_that_come_late_are_put_on_an_even_clock():
 def test_lost_samples_keep_their_places_on_the_even_clock():
     rng, t = np.random.default_rng(4), np.arange(4000) / 200.0
     kept = rng.random(4000) > 0.02
-    stamped = replace(moved(t), t=t + rng.uniform(0, 1e-3, 4000))
+    stamped = replace(known(t), t=t + rng.uniform(0, 1e-3, 4000))
     assert np.std(with_even_clock(take_samples(stamped, kept)).t - t[kept]) < 3e-5
 
 
 def test_samples_taken_unevenly_and_coarse_encoders_that_cannot_tell_keep_their_stamps():
-    uneven = moved(
+    uneven = known(
         np.arange(4000) / 200.0 + np.random.default_rng(5).uniform(-0.0015, 0.0015, 4000)
     )
     t = np.arange(2000) / 100.0
-    coarse = of("q", lambda q: np.round(q / 0.01) * 0.01)(moved(t))
+    coarse = of("q", lambda q: np.round(q / 0.01) * 0.01)(known(t))
     coarse = replace(coarse, t=t + np.random.default_rng(6).exponential(1e-4, len(t)))
     for log in (uneven, coarse):
         assert with_even_clock(log) is log
+
+
+# ---------------------------------------------------------------- limits
+def moved(low, high, limits=(-1.0, 2.0)):
+    """Return the findings for a joint that moves from one angle to another."""
+    arm = Robot("one", "standard", (Joint("a", limits=Limits(limits)),))
+    q = np.linspace(low, high, 50)
+    return tuple(check_ranges(Log(np.arange(50) * 0.01, q, 0 * q, dh=True), arm))
+
+
+@pytest.mark.parametrize("turns", [0, 1, -2])
+def test_what_lies_within_and_what_has_no_limits_is_not_named(turns):
+    assert moved(-1.05 + 2 * np.pi * turns, 2.0 + 2 * np.pi * turns) == ()
+    assert moved(-20.0, 20.0, None) == ()
+
+
+def test_a_quarter_turn_is_named():
+    (finding,) = moved(np.pi / 2 + 0.2, np.pi / 2 + 1.5)
+    assert finding.code == "W332"
+    assert "an offset of -90 deg would fit" in finding.text
+    assert finding.evidence["beyond"] == pytest.approx(np.pi / 2 + 1.5 - 2.0)
+
+
+# ---------------------------------------------------------------- samples that were not measured again
+@pytest.mark.parametrize("every", [2, 4, 7])
+def test_samples_held_by_the_driver_are_left_out(every):
+    log = moving_log()
+    index = np.arange(len(log)) // every * every
+    kept = without_stale(replace(take_samples(log, index), t=log.t), robot())
+    assert_array_equal(kept.t, log.t[::every])
+    assert_array_equal(kept.q, log.q[::every])
+    assert [finding.code for finding in kept.findings] == ["W325"]
+    assert kept.findings[0].evidence["rate_hz"] == pytest.approx(log.rate / every, rel=0.02)
+
+
+def test_positions_held_beside_fresh_torques_are_left_out():
+    log = moving_log()
+    kept = without_stale(replace(log, q=log.q[np.arange(len(log)) // 4 * 4]), robot())
+    assert_array_equal(kept.t, log.t[::4])
+
+
+def test_encoders_so_coarse_that_positions_repeat_are_no_held_samples():
+    log = moving_log()
+    coarse = replace(log, q=np.round(log.q / 0.01) * 0.01)
+    assert np.mean(np.all(np.diff(coarse.q, axis=0) == 0, axis=1)) > 0.05
+    assert without_stale(coarse, robot()) is coarse
+
+
+def test_an_arm_at_rest_repeats_nothing():
+    log = moving_log()
+    still = replace(take_samples(log, np.zeros(len(log), dtype=int)), t=log.t)
+    assert without_stale(still, robot()) is still
+
+
+def test_a_clean_log_is_the_same_object():
+    log = moving_log()
+    assert without_stale(log, robot()) is log
+    assert without_copies([log]) == ([log], ())
+
+
+def test_samples_stored_twice_under_one_stamp_are_dropped():
+    log = moving_log()
+    index = np.repeat(np.arange(len(log)), 2)
+    kept = with_rising_time(take_samples(log, index), sort_time=False)
+    assert_array_equal(kept.t, log.t)
+    assert [finding.code for finding in kept.findings] == ["W311"]
+
+
+def test_a_log_given_again_is_left_out_whatever_its_clock_says():
+    log = moving_log()
+    other = replace(log, q=log.q + 0.01 * RNG.standard_normal(log.q.shape))
+    kept, findings = without_copies([log, other, replace(log, t=log.t + 100.0)])
+    assert kept == [log, other]
+    assert [finding.code for finding in findings] == ["W326"]
+
+
+def test_the_part_of_a_log_that_an_earlier_one_has_is_left_out():
+    log = moving_log()
+    half = len(log) // 2
+    first = take_samples(log, slice(half))
+    kept, findings = without_copies([first, log])
+    assert kept[0] is first
+    assert_array_equal(kept[1].t, log.t[half:])
+    assert findings[0].evidence["share"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_recording_joined_to_itself_counts_once():
+    log = moving_log()
+    twice = take_samples(log, np.tile(np.arange(len(log)), 2))
+    twice = replace(twice, t=np.append(log.t, log.t + log.t[-1] + 0.01))
+    kept, _ = without_copies([twice])
+    assert_array_equal(kept[0].q, log.q)
+
+
+def test_copies_are_found_among_many_logs():
+    log = moving_log()
+    part = take_samples(log, slice(200))
+    logs = [replace(part, q=part.q + 0.01 * RNG.standard_normal(part.q.shape)) for _ in range(300)]
+    kept, findings = without_copies([*logs, logs[7], logs[250], *logs[:100]])
+    assert kept == logs
+    assert [finding.evidence["log"] for finding in findings] == list(range(301, 403))
