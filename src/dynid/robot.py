@@ -16,11 +16,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dynid.answer import Answer, Answered
-from dynid.arrays import Floats
+from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, JointCountDiffers, WrongUsage
 from dynid.table import Table
+from dynid.units import ANGULAR, FACTORS
 
 #: The model grows with the square of its joints; arms have up to ten.
 MOST_JOINTS = 32
@@ -347,6 +349,41 @@ class Robot(Answered):
     def joint_names(self) -> tuple[str, ...]:
         """Joint names, base to tip."""
         return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def turning(self) -> Mask:
+        """Which joints turn, (n,)."""
+        return np.array([joint.revolute for joint in self.joints])
+
+    def travel(
+        self, turning: tuple[float, float], sliding: tuple[float, float]
+    ) -> tuple[Floats, Floats]:
+        """Return the least and the greatest positions, (n,) each; given ones at joints without limits [rad or m]."""
+        free = np.where(self.turning[:, None], turning, sliding).tolist()
+        ranges = [
+            joint.limits.position or own for joint, own in zip(self.joints, free, strict=True)
+        ]
+        lower, upper = np.array(ranges, dtype=float).T
+        return lower, upper
+
+    def limits(self, quantity: str, missing: ArrayLike = np.inf) -> Floats:
+        """Return the limits of velocity, acceleration or torque, (n,); ``missing`` at joints without one."""
+        given = np.array([getattr(joint.limits, quantity) or np.nan for joint in self.joints])
+        return np.where(np.isnan(given), missing, given)
+
+    def unit_factors(self, units: Mapping[str, str]) -> dict[str, Floats]:
+        """Return the factors from units by quantity to SI units, (n,) each.
+
+        Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
+        """
+        return {
+            quantity: np.where(
+                (self.turning == (units[quantity] in ANGULAR)) | (quantity == "effort"),
+                factors[units[quantity]],
+                1.0,
+            )
+            for quantity, factors in FACTORS.items()
+        }
 
     def require_joints(self, names: Sequence[str], where: Path | str) -> None:
         """Raise when a file is of another arm.

@@ -48,4 +48,6 @@ def ampere_unit(unit: str) -> str:
     return AMPERES.get(unit, unit.replace("N m", "A"))
 
 
+#: Units of turning joints.
+ANGULAR = ("rad", "deg", "rad/s", "deg/s", "rpm")
 FACTORS = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}

@@ -285,7 +285,7 @@ def noise_of(robot: Robot, floor: Floats) -> Floats:
         robot: the arm.
         floor: what constant, friction and rotor inertia leave of each joint's torque, (n,) [N m or N].
     """
-    turning = np.array([joint.revolute for joint in robot.joints])
+    turning = robot.turning
     return np.asarray(
         tuning.MODEL_ERROR * np.where(turning, np.max(floor * turning), np.max(floor * ~turning))
     )
@@ -297,7 +297,7 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
     Sensors behind the gear are wrong by the same at all joints, for they feel what passes sideways; motors by a share
     of their rating. A joint that fits badly shows that, and no mistake of the robot file.
     """
-    turning = np.array([joint.revolute for joint in robot.joints])
+    turning = robot.turning
     rated = [joint.limits.torque for joint in robot.joints]
     scale = np.array([each or 1.0 for each in rated])
     if robot.torque.source in ("joint_sensor", "unknown", "gravity_free") or None in rated:

@@ -296,9 +296,8 @@ def robot_file_fit(log: Log, robot: Robot, *, mapped: bool = True) -> RobotFileF
     if len(t) < 6 * width + 20:
         return None
     smooth, span = smoother(width), 3 * (width + 1)
-    turning = np.array([joint.revolute for joint in robot.joints])
     # Each is smoothed once more than the one before it, and so is shorter at both ends.
-    position = smooth(np.where(turning, np.unwrap(q, axis=0), q))
+    position = smooth(np.where(robot.turning, np.unwrap(q, axis=0), q))
     velocity = smooth(np.gradient(position, clock := smooth(t), axis=0))
     acceleration = smooth(np.gradient(velocity, smooth(clock), axis=0))
     torque, count = smooth(smooth(smooth(tau))), len(acceleration)

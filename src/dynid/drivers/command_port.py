@@ -125,18 +125,15 @@ class CommandPort(ABC):
         # Why: without a queue a command leaves when it is published, or not at all; none waits for the next.
         self.publisher = self.connected(self.command_topic, self.command_type(), no_answer, None)
 
-    def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the topics the driver must listen to and the services it must have, to be moved and stopped."""
-        return (self.command_topic,), ()
+    def endpoints(self) -> list[str]:
+        """Return what the driver must have to be moved and stopped: ``topic`` or ``service``, and its name."""
+        return [f"topic {self.command_topic}"]
 
     def missing(self) -> list[str]:
         """Return which of them the master does not know; nothing is sent."""
-        topics, services = self.endpoints()
         _, subscribed, offered = self.node.master().getSystemState()
-        known = ({name for name, _ in subscribed}, {name for name, _ in offered})
-        return [f"topic {name}" for name in topics if name not in known[0]] + [
-            f"service {name}" for name in services if name not in known[1]
-        ]
+        known = {f"topic {name}" for name, _ in subscribed} | {f"service {x}" for x, _ in offered}
+        return [each for each in self.endpoints() if each not in known]
 
     def connected(
         self,

@@ -139,9 +139,9 @@ class FollowJointTrajectoryPort(CommandPort):
         """Return control_msgs/FollowJointTrajectoryActionGoal."""
         return action_message(GOAL)
 
-    def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def endpoints(self) -> list[str]:
         """Return the topics of goal and cancel."""
-        return (self.command_topic, self._topic("cancel")), ()
+        return [*super().endpoints(), f"topic {self._topic('cancel')}"]
 
     def ready(self) -> None:
         """Connect to goal and cancel, and wait for the server's status, which it publishes without a goal too."""

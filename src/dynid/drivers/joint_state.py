@@ -11,9 +11,6 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.robot import Robot
-from dynid.units import EFFORT, POSITION, VELOCITY
-
-_ANGULAR = ("rad", "deg", "rad/s", "deg/s", "rpm")
 
 
 @dataclass(frozen=True)
@@ -52,16 +49,10 @@ class Columns:
             )
         self.names = robot.log_names
         self._known: dict[tuple[str, ...], list[int] | None] = {}
-        map_, units = robot.columns.map, robot.columns.units
-        turning = np.array([joint.revolute for joint in robot.joints])
-        # Why: one unit is given for all joints; `deg` does not fit a prismatic joint, which is then in metres.
-        self._position, self._velocity = (
-            np.where(turning == (units[key] in _ANGULAR), table[units[key]], 1.0)
-            for key, table in (("position", POSITION), ("velocity", VELOCITY))
-        )
-        self._effort = EFFORT[units["effort"]]
-        self.sign, self._offset = np.array(map_.sign), np.array(map_.offset)
-        self._torque_sign = self.sign * np.array(map_.torque_signs)
+        columns = robot.columns
+        self._position, self._velocity, self._effort = robot.unit_factors(columns.units).values()
+        self.sign, self._offset = np.array(columns.map.sign), np.array(columns.map.offset)
+        self._torque_sign = self.sign * np.array(columns.map.torque_signs)
 
     def indices(self, names: Sequence[str]) -> list[int] | None:
         """Return where the robot's joints stand in a message; None when one is missing."""

@@ -57,10 +57,7 @@ class KinovaGen2Port(CommandPort):
 
     def message(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
         """Return the velocity of this period, drift corrected, inside the joints' velocity and acceleration limits."""
-        fastest, hardest = (
-            np.array([getattr(joint.limits, key) or np.inf for joint in self.robot.joints])
-            for key in ("velocity", "acceleration")
-        )
+        fastest, hardest = self.robot.limits("velocity"), self.robot.limits("acceleration")
         wanted = np.clip(target.qd + DRIFT_GAIN * (target.q - measured), -fastest, fastest)
         # Why: after a late period the plan has moved on by two; the arm gets there at the acceleration it can bear.
         step = SLEW_SHARE * hardest / self.rate
@@ -69,11 +66,10 @@ class KinovaGen2Port(CommandPort):
         values = self.columns.in_degrees(speed).tolist()
         return self.command_type()(*values, *[0.0] * (7 - len(values)))
 
-    def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def endpoints(self) -> list[str]:
         """Return the velocity topic, and the services that stop and start."""
-        return (self.command_topic,), tuple(
-            f"{self.namespace}/in/{name}" for name in ("stop", "start")
-        )
+        services = [f"service {self.namespace}/in/{name}" for name in ("stop", "start")]
+        return [*super().endpoints(), *services]
 
     def ready(self) -> None:
         """Connect, put the arm into position mode, and try the stop while it stands still.

@@ -21,9 +21,9 @@ class Lwr4PlusPort(JointTrajectoryPort):
         """Topic of the software stop."""
         return f"{self.namespace}/emergency_stop"
 
-    def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def endpoints(self) -> list[str]:
         """Return the controller's topic and that of the software stop."""
-        return (self.command_topic, self.stop_topic), ()
+        return [*super().endpoints(), f"topic {self.stop_topic}"]
 
     def ready(self) -> None:
         """Connect to the controller and to the stop, and release a stop that is still pressed."""

@@ -31,9 +31,8 @@ def random_states(
         seed: of the random draws.
     """
     rng = np.random.default_rng(seed)
-    reach = [tuning.FREE_REACH[joint.revolute] for joint in robot.joints]
-    limits = [j.limits.position or (-r, r) for j, r in zip(robot.joints, reach, strict=True)]
-    low, high = np.array(limits, dtype=float).T
+    turning, sliding = (tuning.FREE_REACH[kind] for kind in (True, False))
+    low, high = robot.travel((-turning, turning), (-sliding, sliding))
     q = rng.uniform(low, high, (count, robot.n))
     qd = rng.uniform(-2.0, 2.0, q.shape) * speed
     return q, qd, rng.uniform(-4.0, 4.0, q.shape) * speed

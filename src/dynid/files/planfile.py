@@ -180,7 +180,7 @@ def _checked(waypoints: Waypoints, robot: Robot, path: Path, fix: str) -> Waypoi
         for k in np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S):
             least = f"{tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {k + 1}"
             raise TimeNotIncreasing(f"waypoint {k + 2} must be at least {least}", where=path)
-    far = np.abs(q) * [joint.revolute for joint in robot.joints]
+    far = np.abs(q) * robot.turning
     if far.max() > tuning.MOST_WAYPOINT_RAD:
         k, j = np.unravel_index(far.argmax(), far.shape)
         raise PositionInDegrees(

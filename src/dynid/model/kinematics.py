@@ -109,8 +109,9 @@ def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
 
 def tip_jacobian(robot: Robot, where: LinkFrames) -> Floats:
     """Return the velocity of the last frame's origin per unit of each joint's velocity, (..., n, 3) [m or 1]."""
-    revolute = np.array([joint.revolute for joint in robot.joints])[:, None]
-    return np.where(revolute, np.cross(where.axis, where.p[..., -1:, :] - where.point), where.axis)
+    return np.where(
+        robot.turning[:, None], np.cross(where.axis, where.p[..., -1:, :] - where.point), where.axis
+    )
 
 
 def base_pose(robot: Robot) -> Floats:

@@ -416,11 +416,7 @@ def mass_matrices(torque: Torque, q: Floats) -> Floats:
 
 def random_poses(robot: Robot, poses: int = 1000, seed: int = 0) -> Floats:
     """Return poses within the limits, one turn where there are none, (poses, n) [rad or m]."""
-    bounds = [
-        joint.limits.position or ((-np.pi, np.pi) if joint.revolute else (-0.5, 0.5))
-        for joint in robot.joints
-    ]
-    low, high = np.array(bounds).T
+    low, high = robot.travel((-np.pi, np.pi), (-0.5, 0.5))
     return np.random.default_rng(seed).uniform(low, high, (poses, robot.n))
 
 

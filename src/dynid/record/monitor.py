@@ -51,7 +51,7 @@ class Monitor:
 
     def __post_init__(self) -> None:
         """Collect the ratings."""
-        self._rating = np.array([joint.limits.torque or np.inf for joint in self.robot.joints])
+        self._rating = self.robot.limits("torque")
 
     def pace(self, late: float, time: float) -> None:
         """Judge how late a command leaves.

@@ -123,13 +123,11 @@ def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
     """
     motion = played.motion
     _check_consistent(motion)
-    limits = bounds(robot)
     # A joint without end may have been turned further than a plan would turn it.
-    endless = [joint.limits.position is None for joint in robot.joints]
-    lower, upper = np.where(endless, -np.inf, limits.lower), np.where(endless, np.inf, limits.upper)
+    lower, upper = robot.travel((-np.inf, np.inf), (-np.inf, np.inf))
     moved = {"position": motion.q, "velocity": motion.qd, "acceleration": motion.qdd}
     series = {key: [(motion.t, own) for own in values.T] for key, values in moved.items()}
-    limits = replace(limits, lower=lower, upper=upper)
+    limits = replace(bounds(robot), lower=lower, upper=upper)
     raise_worst(joint_violations(robot, limits, series, played.speed), 0.0, _speed)
     peaks = np.abs(motion.qd).max(axis=0)
     return robot.joint_names[int(peaks.argmax())], float(peaks.max())
@@ -204,7 +202,7 @@ def check_torque(robot: Robot, played: PlayedMotion, forecaster: TorqueForecaste
     Raises:
         LimitBroken: with joint, torque, time, and the speed that would pass.
     """
-    rating = np.array([joint.limits.torque or np.inf for joint in robot.joints])
+    rating = robot.limits("torque")
     if forecaster.torque is None or not np.isfinite(rating).any():
         unrated = "the robot file has no ratings"
         stage("forecast", f"no torques: {unrated if forecaster.torque else forecaster.words}")

@@ -36,9 +36,8 @@ class PlayedMotion:
 def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
     """Return a slow quintic from rest to rest between two poses, (n,) each [rad or m]."""
     distance = np.abs(end - start)
-    limits = [joint.limits for joint in robot.joints]
-    velocity = np.array([each.velocity or tuning.APPROACH_VELOCITY for each in limits])
-    acceleration = np.array([each.acceleration or tuning.APPROACH_ACCELERATION for each in limits])
+    velocity = robot.limits("velocity", tuning.APPROACH_VELOCITY)
+    acceleration = robot.limits("acceleration", tuning.APPROACH_ACCELERATION)
     share = tuning.APPROACH_SHARE
     needed = float(rest_time(distance, share * velocity, share * acceleration).max())
     duration = max(tuning.SHORTEST_APPROACH_S, needed)

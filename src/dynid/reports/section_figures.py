@@ -36,7 +36,6 @@ WEAK_DIRECTION = 1e-3
 LEAST_ERROR, MOST_ERROR = 0.05, 300.0
 #: The look of a line at a threshold.
 DASHED: dict[str, Any] = {"color": RESIDUAL, "lw": 1.0, "ls": "--"}
-NO_LIMITS = (np.nan, np.nan)
 #: Bins of the residual's mean and spread.
 BINS = 24
 #: What the residual is drawn over: the name in a motion, and the units of turning and sliding joints.
@@ -66,13 +65,12 @@ def spectrum_figure(singular_values: Floats) -> Figure:
 def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
     """Draw the range of positions and speeds of each joint beside its limits."""
     figure, axes = bar_figure(robot.joint_names, 0.2, 0.8, 2)
-    speeds = [(-v, v) if (v := joint.limits.velocity) else NO_LIMITS for joint in robot.joints]
+    fastest, none = robot.limits("velocity", np.nan), (np.nan, np.nan)
     shown = (
-        ("position", motion.q_estimated, [j.limits.position or NO_LIMITS for j in robot.joints]),
-        ("velocity", motion.qd_estimated, speeds),
+        ("position", motion.q_estimated, *robot.travel(none, none)),
+        ("velocity", motion.qd_estimated, -fastest, fastest),
     )
-    for axis, (what, values, limits) in zip(axes, shown, strict=True):
-        low, high = np.array(limits).T
+    for axis, (what, values, low, high) in zip(axes, shown, strict=True):
         axis.barh(range(robot.n), high - low, 0.7, low, color=MEASURED, alpha=0.4)
         low, high = values.min(axis=0), values.max(axis=0)
         axis.barh(range(robot.n), high - low, 0.35, low, color=ESTIMATED)

@@ -19,7 +19,6 @@ from dynid.log import COLUMNS, Log, has_rows
 from dynid.robot import Robot
 from dynid.signals import tuning
 from dynid.text import yaml_word
-from dynid.units import EFFORT, POSITION, VELOCITY
 
 
 def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
@@ -111,19 +110,7 @@ def robot_columns(log: Log, robot: Robot) -> Log:
 
 def in_si(log: Log, robot: Robot) -> Log:
     """Return a log of the robot's columns in SI units (a current stays in A)."""
-    unit = units(log, robot)
-    revolute = np.array([joint.revolute for joint in robot.joints])
-
-    def factor(name: str, table: dict[str, float]) -> Floats:
-        # Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
-        angular = name in ("rad", "deg", "rad/s", "deg/s", "rpm")
-        return np.where(revolute == angular, table[name], 1.0)
-
-    factors = {
-        "position": factor(unit["position"], POSITION),
-        "velocity": factor(unit["velocity"], VELOCITY),
-        "effort": np.array(EFFORT[unit["effort"]]),
-    }
+    factors = robot.unit_factors(units(log, robot))
     return log.with_columns(
         {key: _mapped(x, factors[COLUMNS[key]]) for key, x in log.columns.items() if COLUMNS[key]},
         tau_unit="A" if in_amperes(log, robot) else "Nm",

@@ -79,9 +79,8 @@ def describe(log: Log, robot: Robot) -> LogSummary:
     if len(clean) > 2:
         rms = np.sqrt(np.mean(speed(clean) ** 2, axis=0))
     slope = slopes(clean, robot) if len(clean) > 2 else np.full(robot.n, np.nan)
-    limits = [joint.limits for joint in robot.joints]
-    ratings = [None if clean.tau_unit == "A" else limit.torque for limit in limits]
-    relative = rms / np.array([limit.velocity or 1.0 for limit in limits])
+    ratings = [None if clean.tau_unit == "A" else joint.limits.torque for joint in robot.joints]
+    relative = rms / robot.limits("velocity", 1.0)
     return LogSummary(
         samples=samples,
         duration=clean.duration,

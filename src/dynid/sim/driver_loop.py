@@ -99,7 +99,7 @@ class DriverLoop:
         arm.reset(follower.goal)
         self._offset = np.array(imperfections.torque_offset or (0.0,) * n)
         self._true = self._zero = np.zeros(n)
-        self._rating = self._limits("torque")
+        self._rating = self.robot.limits("torque")
         self._waiting: list[tuple[float, Measured]] = []
 
     @property
@@ -114,10 +114,7 @@ class DriverLoop:
             "reference_acceleration_share": (self.follower.hardest, "acceleration"),
             "stop_acceleration_share": (self.follower.hardest_stop, "acceleration"),
         }
-        return {name: float(np.max(x / self._limits(of))) for name, (x, of) in used.items()}
-
-    def _limits(self, of: str) -> Floats:
-        return np.array([getattr(joint.limits, of) or np.inf for joint in self.robot.joints])
+        return {name: float(np.max(x / self.robot.limits(of))) for name, (x, of) in used.items()}
 
     def zero_torques(self) -> None:
         """Make the sensors read zero where the arm stands."""

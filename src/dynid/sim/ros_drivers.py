@@ -50,6 +50,11 @@ class SimulatedDriver(ABC):
         self._began = time.time_ns()
         self._monotonic = time.monotonic_ns()
         self._publisher = self.publisher(topic, self._state)
+        self.connect()
+
+    @abstractmethod
+    def connect(self) -> None:
+        """Listen to what commands the arm."""
 
     def publisher(self, topic: str, kind: Any) -> Any:  # noqa: ANN401
         """Return a publisher that never blocks the physics."""
@@ -88,9 +93,9 @@ class SimulatedKinova(SimulatedDriver):
 
     FINGERS = ("finger_1", "finger_2", "finger_3", "finger_tip_1", "finger_tip_2", "finger_tip_3")
 
-    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
-        super().__init__(node, loop, topic)
-        self.namespace = topic.split("/out/")[0]
+    def connect(self) -> None:
+        """Listen to velocities, and offer the services."""
+        self.namespace = self.topic.split("/out/")[0]
         prefix = self.columns.names[0].removesuffix("1")
         self._names = [*self.columns.names, *(prefix + finger for finger in self.FINGERS)]
         self._angles_type = kinova_message("JointAngles")
@@ -98,6 +103,7 @@ class SimulatedKinova(SimulatedDriver):
             self.publisher(f"{self.namespace}/out/{name}", self._angles_type)
             for name in ("joint_angles", "joint_torques", "joint_command")
         )
+        node, loop = self.node, self.loop
         gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
         node.rospy.set_param(gravity, False)
         node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / loop.rate)
@@ -150,9 +156,9 @@ def doubled(qd: Floats) -> Floats:
 class SimulatedController(SimulatedDriver):
     """Any driver with joint states and a joint_trajectory_controller."""
 
-    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
-        super().__init__(node, loop, topic)
-        self.namespace = topic.rsplit("/", 1)[0]
+    def connect(self) -> None:
+        """Listen to trajectories."""
+        self.namespace = self.topic.rsplit("/", 1)[0]
         trajectory = import_ros("trajectory_msgs.msg").JointTrajectory
         self.subscribe(
             f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory
@@ -188,8 +194,9 @@ class SimulatedActionServer(SimulatedController):
     #: Status messages [Hz], as actionlib's server publishes them.
     STATUS_RATE = 5.0
 
-    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
-        super().__init__(node, loop, topic)
+    def connect(self) -> None:
+        """Listen to goals too."""
+        super().connect()
         base = f"{self.namespace}/joint_trajectory_controller/follow_joint_trajectory"
         self._goal: Any = None
         self._last_status = -1.0
@@ -250,8 +257,9 @@ class SimulatedActionServer(SimulatedController):
 class SimulatedLwr(SimulatedController):
     """LWR4+ through ros_control: alphabetical names, stamps of the monotonic clock, a differentiated velocity."""
 
-    def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
-        super().__init__(node, loop, topic)
+    def connect(self) -> None:
+        """Listen to the software stop too."""
+        super().connect()
         self._order = np.argsort(self.columns.names)
         self._names = [self.columns.names[i] for i in self._order]
         self._before: tuple[float, Floats, Floats] | None = None

@@ -188,7 +188,7 @@ class Capsules:
                     moment[:, i] += turn[:, k]
         # A joint carries all forces on what follows it.
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
-        turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
+        turning = self.robot.turning[:, None]
         effort = np.where(turning, moment - np.cross(frames.point, force), force)
         return total, np.sum(frames.axis * effort, axis=2)
 

@@ -69,10 +69,7 @@ def unsafe_to_play(assumed: Sequence[str]) -> tuple[str, ...]:
 
 def position_range(robot: Robot) -> tuple[Floats, Floats]:
     """Return the least and the greatest position of every joint, stand-ins included, (n,) each [rad or m]."""
-    free = {True: tuning.ENDLESS_RANGE_RAD, False: tuning.SLIDE_RANGE_M}
-    ranges = [joint.limits.position or free[joint.revolute] for joint in robot.joints]
-    lower, upper = np.array(ranges, dtype=float).T
-    return lower, upper
+    return robot.travel(tuning.ENDLESS_RANGE_RAD, tuning.SLIDE_RANGE_M)
 
 
 def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) -> Bounds:
@@ -84,12 +81,11 @@ def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) 
         rate_margin: share taken off velocity, acceleration and torque; ``margin`` when None.
     """
     rest = 1 - (margin if rate_margin is None else rate_margin)
-    limits = [joint.limits for joint in robot.joints]
     lower, upper = position_range(robot)
     off = margin * (upper - lower) / 2
-    velocity = np.array([limit.velocity or tuning.DEFAULT_VELOCITY for limit in limits])
-    acceleration = np.array([limit.acceleration or tuning.DEFAULT_ACCELERATION for limit in limits])
-    torque = np.array([limit.torque or np.inf for limit in limits])
+    velocity = robot.limits("velocity", tuning.DEFAULT_VELOCITY)
+    acceleration = robot.limits("acceleration", tuning.DEFAULT_ACCELERATION)
+    torque = robot.limits("torque")
     return Bounds(lower + off, upper - off, velocity * rest, acceleration * rest, torque * rest)
 
 

@@ -22,9 +22,7 @@ def default_noise(robot: Robot) -> Floats:
     if robot.torque.noise is not None:
         return np.array(robot.torque.noise)
     share, otherwise = tuning.NOISE_SHARE_OF_RATING, tuning.NOISE_WITHOUT_RATING
-    return np.array(
-        [share * j.limits.torque if j.limits.torque else otherwise for j in robot.joints]
-    )
+    return share * robot.limits("torque", otherwise / share)
 
 
 @dataclass(frozen=True)

@@ -96,9 +96,8 @@ def simulate(
     arm = SimulatedArm(robot, prior_bodies(robot))
     rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
     tau = np.array([arm.inverse_dynamics(*row) for row in rows])
-    limits, largest = [joint.limits for joint in robot.joints], np.maximum(np.abs(tau).max(0), 1e-3)
-    rated = np.array([one.torque or own for one, own in zip(limits, largest, strict=True)])
-    speed = np.array([one.velocity or 1.0 for one in limits])
+    rated = robot.limits("torque", np.maximum(np.abs(tau).max(0), 1e-3))
+    speed = robot.limits("velocity", 1.0)
     viscous, coulomb = options.viscous * rated / speed, options.coulomb * rated
     sign = np.tanh(motion.qd / np.array(robot.coulomb_shape.velocity))
     tau = tau + viscous * motion.qd + coulomb * sign
