@@ -19,10 +19,9 @@ from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.gap_rows import gap_rows
 from dynid.gap.held_out import (
     HeldOutImprovement,
-    HeldOutRows,
     fitted_with,
+    held_out,
     held_out_improvement,
-    held_out_rows,
     rms_of,
 )
 from dynid.gap.localisation import JointGap, localise_residual
@@ -152,17 +151,17 @@ def _proved(
     # Why the same noise: it weighs the joints, and another weight is another fit.
     in_time = replace(first, noise=problem.noise, in_force=problem.in_force)
 
-    def held_out(some: Sequence[SelectedEffect]) -> list[HeldOutRows]:
+    def left_by(some: Sequence[SelectedEffect]) -> Floats:
         late = any(one.name == "torque_delay" for one in some)
-        return held_out_rows(problem if late else in_time, some)
+        return held_out(problem if late else in_time, some)
 
-    def error(rows: Sequence[HeldOutRows]) -> float:
-        return float(np.sqrt(np.mean((rms_of(rows) / problem.noise.floor) ** 2)))
+    def error(left: Floats) -> float:
+        return float(np.sqrt(np.mean((rms_of(left) / problem.noise.floor) ** 2)))
 
     while True:
-        after, failing = held_out(effects), []
+        after, failing = left_by(effects), []
         for one in effects:
-            without = held_out([other for other in effects if other is not one])
+            without = left_by([other for other in effects if other is not one])
             ratio = error(after) / max(error(without), 1e-12)
             if why := refusal(search, one, options.sure, changed, ratio):
                 failing.append((one, why))
@@ -170,7 +169,7 @@ def _proved(
             break
         refused.append(min(failing, key=lambda pair: pair[0].log_odds))
         effects.remove(refused[-1][0])
-    improvement = held_out_improvement(problem, held_out([]), after, search.errors)
+    improvement = held_out_improvement(in_time, left_by([]), after, search.errors)
     search = replace(search, selected=effects)
     return GapAnalysis(
         logs,

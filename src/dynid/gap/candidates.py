@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.special import logsumexp
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
-from dynid.gap.evidence import Evidence, EvidenceRows, Products, forward, lower_root
+from dynid.gap.evidence import Evidence, EvidenceRows, forward, lower_root
 from dynid.gap.gap_rows import EffectColumns, on_joint
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key
@@ -96,28 +98,23 @@ class Candidate:
             others[j] = np.concatenate([self.others[j], more], axis=2)
         return replace(self, others=others)
 
-    def at(self, g: int) -> tuple[dict[int, Products], Floats]:
-        """Return products of the columns of one shape, {joint: (own, others)}, and their rms, 1 for none, (k,)."""
-        k = self.rms.shape[1]
-        part = slice(g * k, (g + 1) * k)
-        products = {j: (own[:, g], self.others[j][:, part]) for j, own in self.own.items()}
-        return products, np.where(self.rms[g] > 0, self.rms[g], 1.0)
+    @cached_property
+    def alike(self) -> Floats:
+        """How alike its columns are: correlations, (G, k, k).
 
-    def and_also(self, other: Candidate) -> Candidate:
-        """Return the candidate with the shapes of another one of the same effect at the same place."""
+        The prior of amplitudes has them, so that it is about torques and not about columns (Zellner 1986): q, q^2 and
+        q^3 on one side of zero are nearly one column, and three priors of it would make a line dearer than a cubic.
+        """
+        own = np.sum([each.sum(axis=0) for each in self.own.values()], axis=0)
+        size = np.sqrt(np.maximum(np.diagonal(own, axis1=1, axis2=2), 1e-300))
+        correlation = own / size[..., None] / size[..., None, :]
+        return np.where(np.eye(own.shape[-1], dtype=bool), 1.0 + tuning.ALIKE, correlation)
 
-        def both(name: str, axis: int) -> dict[int, Floats]:
-            one, more = getattr(self, name), getattr(other, name)
-            return {j: np.concatenate([x, more[j]], axis=axis) for j, x in one.items()}
-
-        return replace(
-            self,
-            shapes=[*self.shapes, *other.shapes],
-            columns=both("columns", 0),
-            own=both("own", 1),
-            others=both("others", 1),
-            rms=np.concatenate([self.rms, other.rms]),
-        )
+    def among(self, evidence: Evidence, scale: float) -> Evidence:
+        """Return an evidence with the columns of the only shape among T; prior sizes in units of the noise."""
+        products = {j: (own[:, 0], self.others[j]) for j, own in self.own.items()}
+        strength = np.where(self.rms[0] > 0, self.rms[0], 1.0) / scale
+        return evidence.with_columns(products, self.alike[0] * np.outer(strength, strength))
 
 
 def candidate(
@@ -209,35 +206,29 @@ def visible_share(evidence: Evidence, one: Candidate, base: int) -> float:
         base: number of base parameters, the first columns of T.
     """
     count, k = one.rms.shape
-    first = [model.own + 1 for model in evidence.joints]
-    grams = (m.plain[at:, at:][:base, :base] for m, at in zip(evidence.joints, first, strict=True))
-    gram = np.sum([*grams], axis=0)
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    root = lower_root(gram / np.outer(size, size) + 1e-12 * np.eye(base))
-    sides = (x[..., first[j] :][..., :base].sum(axis=0) for j, x in one.others.items())
-    P = np.asarray(sum(sides)) / size
-    Z = forward(root, P.T).reshape(base, count, k)
-    raw = np.asarray(sum(x.sum(axis=0) for x in one.own.values()))
-    own = np.sqrt(np.maximum(np.diagonal(raw, axis1=1, axis2=2), 1e-300))
-    visible = (raw - np.einsum("mgk,mgl->gkl", Z, Z)) / own[:, :, None] / own[:, None, :]
-    return float(np.max(np.linalg.eigvalsh(visible)[np.any(one.rms > 0, axis=1), -1], initial=0.0))
+    gram, sides, own = np.zeros((base, base)), np.zeros((count * k, base)), np.zeros((count, k, k))
+    for model in evidence.joints:
+        gram += model.plain[model.own + 1 :, model.own + 1 :][:base, :base]
+    for j, products in one.own.items():
+        own += products.sum(axis=0)
+        sides += one.others[j].sum(axis=0)[:, evidence.joints[j].own + 1 :][:, :base]
+    return float(np.max(visible(own, sides.reshape(count, k, base), gram), initial=0.0))
 
 
-def likeness(own: Floats) -> Floats:
-    """Return how alike the columns of an effect are: correlations of their products, (..., k, k).
+def visible(own: Floats, sides: Floats, gram: Floats) -> Floats:
+    """Return the largest share of the power of columns that others cannot absorb, (...).
 
-    The prior of amplitudes has them, so that it is about torques and not about columns (Zellner 1986): q, q^2 and q^3
-    on one side of zero are nearly one column, and three priors of it would make a line dearer than a cubic.
+    Args:
+        own: products of the columns with each other, (..., k, k).
+        sides: and with p others, (..., k, p).
+        gram: products of these, (p, p).
     """
-    size = np.sqrt(np.maximum(np.diagonal(own, axis1=-2, axis2=-1), 1e-300))
-    correlation = own / size[..., :, None] / size[..., None, :]
-    return np.asarray(np.where(np.eye(own.shape[-1], dtype=bool), 1.0 + tuning.ALIKE, correlation))
-
-
-def prior_precision(products: Mapping[int, Products], strength: Floats) -> Floats:
-    """Return the prior precision of amplitudes, (k, k), of columns of so much rms over their prior size, (k,)."""
-    products_of_all = np.sum([own.sum(axis=0) for own, _ in products.values()], axis=0)
-    return np.asarray(likeness(products_of_all) * np.outer(strength, strength))
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    root = lower_root(gram / np.outer(size, size) + 1e-12 * np.eye(len(size)))
+    Z = forward(root, (sides / size).reshape(-1, len(size)).T).T.reshape(sides.shape)
+    scale = np.sqrt(np.maximum(np.diagonal(own, axis1=-2, axis2=-1), 1e-300))
+    left = (own - Z @ Z.swapaxes(-1, -2)) / scale[..., None] / scale[..., None, :]
+    return np.asarray(np.linalg.eigvalsh(left)[..., -1])
 
 
 @dataclass(frozen=True)
@@ -274,25 +265,20 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     q = (Q[:, 0] - Z.T @ right).reshape(count, k)
     Z = Z.reshape(t, count, k)
     U -= np.einsum("mgk,mgl->gkl", Z, Z)
-    unit = np.where(one.rms > 0, 1.0 / np.where(one.rms > 0, one.rms, 1.0), 0.0)
-    alike = likeness(np.sum([own.sum(axis=0) for own in one.own.values()], axis=0))
-    odds, amplitudes, spread = [], [], []
-    for scale in tuning.SCALES:
-        size = scale * unit
-        W = U * size[:, :, None] * size[:, None, :] + alike
-        v, inverse = q * size, np.linalg.inv(W)
-        best = np.einsum("gkl,gl->gk", inverse, v)
-        volume = np.linalg.slogdet(W)[1] - np.linalg.slogdet(alike)[1]
-        odds.append(0.5 * np.sum(v * best, axis=1) - 0.5 * volume)
-        amplitudes.append(size * best)
-        spread.append(inverse * size[:, :, None] * size[:, None, :])
-    top = np.max(odds, axis=0)
-    mixed = top + np.log(np.mean(np.exp(odds - top), axis=0))
-    possible = one.rms.any(axis=1) & ((q[:, 0] > 0) | (not one.place.effect.positive))
+    scales, there = np.array(tuning.SCALES), one.rms > 0
+    size = scales[:, None, None] * there / np.where(there, one.rms, 1.0)
+    square = size[..., None] * size[..., None, :]
+    W = U * square + one.alike
+    inverse, v = np.linalg.inv(W), q * size
+    best = np.einsum("sgkl,sgl->sgk", inverse, v)
+    volume = np.linalg.slogdet(W)[1] - np.linalg.slogdet(one.alike)[1]
+    odds = 0.5 * np.sum(v * best, axis=2) - 0.5 * volume
+    mixed = logsumexp(odds, axis=0) - np.log(len(scales))
+    possible = there.any(axis=1) & ((q[:, 0] > 0) | (not one.place.effect.positive))
     chosen = np.argmax(odds, axis=0), np.arange(count)
     return Gains(
         np.where(possible, mixed, NEVER),
-        np.array(tuning.SCALES)[chosen[0]],
-        np.array(amplitudes)[chosen],
-        np.array(spread)[chosen],
+        scales[chosen[0]],
+        (size * best)[chosen],
+        (inverse * square)[chosen],
     )

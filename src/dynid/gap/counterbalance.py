@@ -1,19 +1,22 @@
 """Whether links that an arm could have do better with a counterbalance, joint by joint, before anything is searched.
 
 Where the axis of a joint is the first that gravity turns, a counterbalance and links are columns of the same shape: no
-error of torques tells them apart, however large it is. What links cost that carry it in its stead does.
+error of torques tells them apart, however large it is. What links cost that carry it in its stead does: the entropic
+prior of possible links (``estimation/possible_arm.py``) says how much.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import expit
 from scipy.stats import chi2
 
 from dynid.arrays import Floats
+from dynid.estimation.factor import Conditional, Factor, triangle
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
@@ -22,6 +25,7 @@ from dynid.estimation.possible_arm import (
 )
 from dynid.estimation.possible_set import PhysicalConstraints
 from dynid.gap import tuning
+from dynid.gap.candidates import visible
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.problem import GapProblem, judged_by_possible
 from dynid.gap.regression import Regression
@@ -30,6 +34,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.parameters import link_cylinders
 
+COUNTERBALANCE = "counterbalance"
 #: What is left of a counterbalance, when links have taken up the most of it, is taken for one of these.
 LOOKALIKES = ("torque_offset", "spring", "end_stop")
 #: Share of what one of these brings possible links, from which a counterbalance is as good: a cylinder on a crank
@@ -37,6 +42,80 @@ LOOKALIKES = ("torque_offset", "spring", "end_stop")
 AS_GOOD = 0.95
 #: Gain by which one is better beyond doubt: a chance of one in four hundred.
 EQUAL = 12.0
+#: Masses of the prior's links that a name has to outlive, times those that fit best jointly with it.
+MASSES = (1.0, 3.0, 10.0, 30.0)
+#: Gain that has to be left after the price of an effect's freedom, whatever the prior's masses: the prior is a guess,
+#: and chance alone would be content with 12.
+LEAST_GAIN = 25.0
+#: Visible share of its power up to which links imitate a counterbalance: what they cannot is found without asking.
+IMITATED = 0.1
+#: Prior size of what an effect's column explains, in units of the noise of all rows together: any.
+ANY = 1e6
+
+
+@dataclass(frozen=True)
+class Links:
+    """The links that an arm could have, beside everything else that explains some rows.
+
+    Attributes:
+        base: model and base parameters.
+        rows: [parameters, right side] of the links, all else being eliminated, (p, c + 1).
+        rest: sum of squares that no links change.
+        others: known errors and amplitudes of effects for given base parameters.
+        count: number of rows of all joints.
+    """
+
+    base: BaseModel
+    rows: Floats
+    rest: float
+    others: Conditional
+    count: int
+
+    @classmethod
+    def beside(
+        cls, regression: Regression, base: BaseModel, more: Sequence[EffectColumns] = ()
+    ) -> Links:
+        """Return the links beside the effects of a search and further ones, without what it knows of parameters."""
+        wide, p = regression.with_effects([*regression.effects, *more]), regression.base
+        X = np.concatenate([wide.columns(j) for j in range(len(wide.y))])
+        sd = np.ones(X.shape[1] - p)
+        effects = wide.baseline[0].shape[1]
+        norm = np.linalg.norm(X[:, effects:], axis=0)
+        sd[effects - p :] = ANY / np.where(norm > 0.0, norm, 1.0)
+        blocks = {"others": X[:, p:], "base": X[:, :p]}
+        left, others = (
+            Factor.of(blocks, np.concatenate(wide.y)).prior("others", sd).without("others")
+        )
+        R = triangle(left.rows)
+        rows = np.column_stack([R[:p, :p] @ base.reduction.K, R[:p, p]])
+        return cls(base, rows, float(R[p, p] ** 2), others.conditional, len(X))
+
+    def fitted(self, *, sized: bool = True) -> tuple[PhysicalParameters, PhysicalConstraints]:
+        """Return the best possible arm, and the prior of links in the size that the rows prefer, or as it is."""
+        constraints = constraints_of(self.base)
+        return fit_pooled(self.rows[:, :-1], self.rows[:, -1], constraints, sized=sized)
+
+    @cached_property
+    def best(self) -> PhysicalParameters:
+        """The best possible arm."""
+        return self.fitted()[0]
+
+    def objective(self, prior: PhysicalConstraints) -> float:
+        """Return twice the objective of the best arm under a prior."""
+        fit = fit_physical(self.rows[:, :-1], self.rows[:, -1], prior)
+        return 2 * fit.objective + self.rest
+
+    def freedom(self, without: Links) -> tuple[int, float]:
+        """Return how many numbers these have more than others, and what they cost (BIC)."""
+        more = len(self.others.mean) - len(without.others.mean)
+        return more, more * float(np.log(max(self.count, 1)))
+
+    def fit(self) -> tuple[Floats, Floats, Floats]:
+        """Return the base parameters of the best arm, (p,), all others beside them, and their standard errors."""
+        K, (root, slope) = self.base.reduction.K, (self.others.root, self.others.slope)
+        theta, along = K @ self.best.x, slope @ K
+        covariance = root @ root.T + along @ self.best.covariance @ along.T
+        return theta, self.others.mean + slope @ theta, np.sqrt(np.diagonal(covariance))
 
 
 @dataclass(frozen=True)
@@ -73,19 +152,14 @@ class Suspicion:
     beaten: bool = False
 
     @property
-    def gain(self) -> float:
-        """What it brings to links as heavy as fit best jointly with it."""
-        return self.gains[0]
-
-    @property
     def sure(self) -> bool:
         """Whether no heavier links would do as well."""
         return min(self.gains) >= LEAST_GAIN
 
     @property
     def searched(self) -> bool:
-        """Whether it is worth a search with possible links."""
-        return self.gain >= LEAST_GAIN
+        """Whether it is worth a search with possible links: what it brings to links that fit best jointly with it."""
+        return self.gains[0] >= LEAST_GAIN
 
     @property
     def probability(self) -> float:
@@ -124,14 +198,24 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
         problem: a search of what no numbers absorb.
         selected: effects that it found.
     """
-    bare = _beside_links(problem)
-    suspected = _suspected(with_selected(bare, selected), problem)
+    bare, base = _beside_links(problem), problem.base
+    suspected = _suspected(with_selected(bare, selected), base)
     for one in selected:
+        joint = one.joints[0] if one.name in LOOKALIKES else None
+        if joint is None or joint in {other.joint for other in suspected}:
+            continue
         # Why without it: jointly with what carries the weight in its stead, no links are implausible.
-        if one.name in LOOKALIKES and one.joints[0] not in {other.joint for other in suspected}:
-            suspected += _instead(
-                bare, problem, one, [other for other in selected if other is not one]
-            )
+        regression = with_selected(bare, [other for other in selected if other is not one])
+        sure = [each for each in _suspected(regression, base) if each.joint == joint and each.sure]
+        if sure:
+            columns = regression.columns_of(one.effect, one.joints, one.shape)
+            without, with_it = (Links.beside(regression, base, x) for x in ((), (columns,)))
+            own = gains(without, with_it, MASSES[:1])[0]
+            suspected += [
+                replace(each, instead=one.key, beaten=each.gains[0] > own + EQUAL)
+                for each in sure
+                if each.gains[0] >= AS_GOOD * own
+            ]
     return suspected
 
 
@@ -155,16 +239,15 @@ def counterbalances(
     effects = [x for x in selected if x.name not in LOOKALIKES or x.joints[0] not in every]
     effect, bare = CATALOGUE[COUNTERBALANCE], _beside_links(problem)
     for _ in joints:
-        likely = _suspected(with_selected(bare, effects), problem)
+        likely = _suspected(with_selected(bare, effects), problem.base)
         left = [each for each in likely if each.sure and each.joint in joints]
         if not left:
             break
         best = max(left, key=lambda each: min(each.gains))
         known = every.get(best.joint, best)
         columns = bare.columns_of(effect, (best.joint,), {})
-        torques = {j: best.sizes[0] @ C for j, C in columns.items()}
-        rms = {j: float(np.sqrt(np.mean(x**2))) for j, x in torques.items() if len(x)}
-        names = list(effect.amplitudes({}))
+        rms = {j: float(np.sqrt(np.mean((best.sizes[0] @ C) ** 2))) for j, C in columns.items()}
+        values, errors = (dict(zip(effect.units, x, strict=True)) for x in best.sizes.tolist())
         effects.append(
             SelectedEffect(
                 effect=effect,
@@ -175,259 +258,82 @@ def counterbalances(
                 log_odds=min(best.gains) / 2 - tuning.COUNTERBALANCE_RARE,
                 p_value=best.chance,
                 rivals=(known.instead,) if known.instead and not known.beaten else (),
-                values=dict(zip(names, best.sizes[0].tolist(), strict=True)),
-                std_errors=dict(zip(names, best.sizes[1].tolist(), strict=True)),
+                values=values,
+                std_errors=errors,
                 probability=best.probability,
             )
         )
     return effects
 
 
-def _suspected(regression: Regression, problem: GapProblem) -> list[Suspicion]:
+def _suspected(regression: Regression, base: BaseModel) -> list[Suspicion]:
     """Return the joints that are likely to have a counterbalance jointly with the effects of a regression."""
-    base, suspected = problem.base, []
-    for joint, one in imitated_counterbalances(regression, base).items():
-        price = _price(regression, one)
-        gain = least_gain(regression, base, one, MASSES[:1]) - price
-        if gain / 2 > tuning.COUNTERBALANCE_RARE:
-            more = [least_gain(regression, base, one, [mass]) - price for mass in MASSES[1:]]
-            suspicion = _described(regression, base, joint, one, (gain, *more))
-            if suspicion.searched or suspicion.instead_of:
-                suspected.append(suspicion)
+    without, suspected = Links.beside(regression, base), []
+    for joint, columns in imitated_counterbalances(regression, base).items():
+        with_it = Links.beside(regression, base, [columns])
+        gain = gains(without, with_it, MASSES[:1])
+        if gain[0] / 2 > tuning.COUNTERBALANCE_RARE:
+            gain += gains(without, with_it, MASSES[1:])
+            one = _described(without, with_it, joint, gain)
+            if one.searched or one.instead_of:
+                suspected.append(one)
     return suspected
 
 
-def _instead(
-    bare: Regression,
-    problem: GapProblem,
-    one: SelectedEffect,
-    others: Sequence[SelectedEffect],
-) -> list[Suspicion]:
-    """Return the joint of an effect where a counterbalance is sure without it, and brings possible links as much.
-
-    Args:
-        bare: the rows, without effects.
-        problem: what was searched.
-        one: an effect that looks like what is left of a counterbalance.
-        others: the other effects.
-    """
-    regression = with_selected(bare, others)
-    likely = _suspected(regression, problem)
-    sure = [each for each in likely if each.joint == one.joints[0] and each.sure]
-    if not sure:
-        return []
-    columns = regression.columns_of(one.effect, one.joints, one.shape)
-    own = least_gain(regression, problem.base, columns, MASSES[:1])
-    own -= _price(regression, columns)
-    return [
-        replace(each, instead=one.key, beaten=each.gain > own + EQUAL)
-        for each in sure
-        if each.gain >= AS_GOOD * own
-    ]
-
-
-def _price(regression: Regression, one: EffectColumns) -> float:
-    """Return what the freedom of an effect costs (BIC)."""
-    rows = max(1, sum(len(y) for y in regression.y))
-    return len(next(iter(one.values()))) * float(np.log(rows))
-
-
-def _described(
-    regression: Regression,
-    base: BaseModel,
-    joint: int,
-    one: EffectColumns,
-    gains: tuple[float, ...],
-) -> Suspicion:
-    """Return a suspicion with the link that a counterbalance changes most, and its own size.
-
-    Args:
-        regression: the rows, without it.
-        base: model and base parameters.
-        joint: whose axis it is.
-        one: its columns.
-        gains: drop of twice the objective after its price, for several masses of the links.
-    """
-    without, with_it = (sized_links(regression, base, more)[0] for more in ((), (one,)))
-    links, robot = constraints_of(base), base.robot
-    bodies = links.bodies
-    mass, other = without.x[bodies[:, 0]], with_it.x[bodies[:, 0]]
-    k = int(np.argmax(np.abs(mass - other)))
-    centres = [fit.x[bodies[k, 1:4]] / fit.x[bodies[k, 0]] for fit in (without, with_it)]
-    named = [dict(zip(fit.names, fit.x.tolist(), strict=True)) for fit in (without, with_it)]
+def _described(without: Links, with_it: Links, joint: int, gain: tuple[float, ...]) -> Suspicion:
+    """Return a suspicion with the link that a counterbalance changes most, and its own size."""
+    base = with_it.base
+    fits, constraints, arm = (without.best, with_it.best), constraints_of(base), base.robot
+    masses, centres = [], []
+    for fit in fits:
+        bodies = fit.x[constraints.bodies]
+        masses.append(bodies[:, 0])
+        centres.append(bodies[:, 1:4] / bodies[:, :1])
+    k = int(np.argmax(np.abs(masses[0] - masses[1])))
+    number = constraints.parameters[constraints.bodies[k, 0]].number
+    ends = link_cylinders(arm)[number - 1]
+    named = [dict(zip(fit.names, fit.x.tolist(), strict=True)) for fit in fits]
     offset, usual = (each.get(f"fo{joint + 1}", 0.0) for each in named)
-    number = links.parameters[bodies[k, 0]].number
-    ends = link_cylinders(robot)[number - 1]
-    K, freedom = base.reduction.K, len(next(iter(one.values())))
-    amplitudes, covariance = amplitudes_beside(
-        regression.with_effects([*regression.effects, one]),
-        K @ with_it.x,
-        K @ with_it.covariance @ K.T,
-    )
+    freedom, price = with_it.freedom(without)
     return Suspicion(
         joint=joint,
-        gains=gains,
+        gains=gain,
         link=number,
-        masses=(float(mass[k]), float(other[k])),
-        weight=float(mass.sum() / sum(np.hypot(each.a, each.d) for each in robot.joints) ** 2),
-        moved=float(np.linalg.norm(centres[0] - centres[1])),
+        masses=(float(masses[0][k]), float(masses[1][k])),
+        weight=float(masses[0].sum() / sum(np.hypot(each.a, each.d) for each in arm.joints) ** 2),
+        moved=float(np.linalg.norm(centres[0][k] - centres[1][k])),
         length=float(np.linalg.norm(ends[1] - ends[0])),
         offsets=(offset, usual, named[1].get(f"fc{joint + 1}", 0.0)),
-        sizes=np.array([amplitudes, np.sqrt(np.diagonal(covariance))])[:, -freedom:],
-        chance=float(chi2.sf(gains[0] + _price(regression, one), freedom)),
+        sizes=np.array(with_it.fit()[1:])[:, -freedom:],
+        chance=float(chi2.sf(gain[0] + price, freedom)),
     )
-
-
-# ---------------------------------------------------------------- links that an arm could have
-# A counterbalance vanishes in masses and centres of mass that no link has. The entropic prior of possible links
-# (``estimation/possible_arm.py``) says what such links cost.
-#: Masses of the prior's links that a name has to outlive, times those that fit best jointly with it.
-MASSES = (1.0, 3.0, 10.0, 30.0)
-#: Gain that has to be left after the price of an effect's freedom, whatever the prior's masses: the prior is a guess,
-#: and chance alone would be content with 12.
-LEAST_GAIN = 25.0
-COUNTERBALANCE = "counterbalance"
-#: Visible share of its power up to which links imitate a counterbalance: what they cannot is found without asking.
-IMITATED = 0.1
-#: Directions of information below this share of the strongest are none.
-NONE = 1e-10
-
-
-@dataclass(frozen=True)
-class ReducedRows:
-    """Rows on the base parameters alone, what else is fitted being eliminated.
-
-    Attributes:
-        R: (k, p).
-        r: (k,).
-        rest: sum of squares that no base parameters change.
-    """
-
-    R: Floats
-    r: Floats
-    rest: float
-
-
-def sized_links(
-    regression: Regression, base: BaseModel, more: Sequence[EffectColumns] = ()
-) -> tuple[PhysicalParameters, PhysicalConstraints]:
-    """Return the best possible arm beside further effects, and the prior of links in the size that the rows prefer."""
-    rows = reduced(regression, more)
-    return fit_pooled(rows.R @ base.reduction.K, rows.r, constraints_of(base), sized=True)
 
 
 def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[int, EffectColumns]:
     """Return the columns of the counterbalances that links imitate, by joint."""
-    effect = CATALOGUE[COUNTERBALANCE]
-    columns_of_joint: dict[int, EffectColumns] = {}
+    effect, imitated = CATALOGUE[COUNTERBALANCE], {}
     for joints in effect.candidate_joints(base.robot.n):
         for shape in effect.grid(regression.rows.motion, joints):
             columns = regression.columns_of(effect, joints, shape)
-            if _visible_share(regression, columns) <= IMITATED:
-                columns_of_joint[joints[0]] = columns
-    return columns_of_joint
+            own = np.sum([C @ C.T for C in columns.values()], axis=0)
+            sides = np.sum([C @ regression.columns(j) for j, C in columns.items()], axis=0)
+            if visible(own, sides, regression.information) <= IMITATED:
+                imitated[joints[0]] = columns
+    return imitated
 
 
-def _visible_share(regression: Regression, columns: EffectColumns) -> float:
-    """Return the largest share of their power that columns have beside all others; 0 where they have none."""
-    gram = np.sum([C @ C.T for C in columns.values()], axis=0)
-    size = np.sqrt(np.diag(gram))
-    P = np.sum([C @ regression.columns(j) for j, C in columns.items()], axis=0)
-    P = P @ regression.root
-    if not np.all(size > 0):
-        return 0.0
-    return float(np.linalg.eigvalsh((gram - P @ P.T) / np.outer(size, size))[-1])
-
-
-def reduced(regression: Regression, more: Sequence[EffectColumns] = ()) -> ReducedRows:
-    """Return the rows of a search without its prior, reduced to the base parameters.
-
-    Args:
-        regression: the search.
-        more: columns of further effects.
-    """
-    wide = replace(regression, prior=None, effects=(*regression.effects, *more))
-    p = regression.base
-    gram = wide.gram.sum(axis=0)
-    order = [*range(p), len(gram) - 1]
-    other = [k for k in range(len(gram)) if k not in order]
-    gram_of_base = gram[np.ix_(order, order)]
-    if other:
-        side = gram[np.ix_(other, order)]
-        gram_of_base = gram_of_base - side.T @ _inverse(gram[np.ix_(other, other)]) @ side
-    # Why of the rows before: a direction that is eliminated has nothing but rounding left. What no row sees is zero,
-    # not rounding: on a scale of its own, rounding would tell a number.
-    length = np.sqrt(np.maximum(np.diag(gram)[:p], 0.0))
-    size = np.where(length > 0.0, length, 1.0)
-    values, V = np.linalg.eigh(gram_of_base[:p, :p] / np.outer(size, size))
-    determined = values > NONE * values[-1]
-    root = np.sqrt(values[determined])
-    r = V[:, determined].T @ (gram_of_base[:p, p] / size) / root
-    return ReducedRows(
-        root[:, None] * V[:, determined].T * length, r, float(gram_of_base[p, p] - r @ r)
-    )
-
-
-def amplitudes_beside(
-    regression: Regression, theta: Floats, covariance: Floats
-) -> tuple[Floats, Floats]:
-    """Return everything but the base parameters as it fits best beside given ones, and its covariance.
-
-    Args:
-        regression: the rows.
-        theta: base parameters, (p,).
-        covariance: of them, (p, p).
-    """
-    gram, p = regression.gram.sum(axis=0)[regression.base : -1], regression.base
-    inverse = _inverse(gram[:, p:-1])
-    slope = inverse @ gram[:, :p]
-    return inverse @ gram[:, -1] - slope @ theta, inverse + slope @ covariance @ slope.T
-
-
-def possible_fit(regression: Regression, base: BaseModel) -> tuple[Floats, Floats]:
-    """Return the base parameters of the best possible arm jointly with effects, (p,), and the amplitudes of these."""
-    K, fit = base.reduction.K, sized_links(regression, base)[0]
-    theta = K @ fit.x
-    return theta, amplitudes_beside(regression, theta, K @ fit.covariance @ K.T)[0]
-
-
-def least_gain(
-    regression: Regression,
-    base: BaseModel,
-    one: EffectColumns,
-    masses: Sequence[float] = MASSES,
-) -> float:
-    """Return the least drop of twice the objective that an effect brings, over the masses of the prior's links.
-
-    Args:
-        regression: the search, with other effects.
-        base: model and base parameters.
-        one: columns of the effect.
-        masses: factors of the masses.
-    """
-    pairs = [
-        (x.R @ base.reduction.K, x.r, x.rest)
-        for x in (reduced(regression), reduced(regression, [one]))
-    ]
-    (A, r, _), constraints = pairs[1], constraints_of(base)
+def gains(without: Links, with_it: Links, masses: Sequence[float] = MASSES) -> tuple[float, ...]:
+    """Return the drop of twice the objective that an effect brings after its price, for masses of the prior's links."""
     # Why the size of the links with the effect: without it, links of a hundred tons carry what it carries. The sizes
     # of friction stay as they are found there too: with others, the objective would be another.
     # And never lighter than the prior's: that links might be light makes heavier ones no less possible.
-    fits = (fit_pooled(A, r, constraints, sized=sized)[1] for sized in (True, False))
-    size = max(fits, key=lambda each: each.prior[each.bodies[:, 0]].sum())
-    gains = []
+    priors = [with_it.fitted(sized=sized)[1] for sized in (True, False)]
+    heavier = max(priors, key=lambda each: each.prior[each.bodies[:, 0]].sum())
+    drops = []
     for mass in masses:
-        prior = size.prior.copy()
-        prior[size.bodies] *= mass
-        held = replace(size, prior=prior)
-        before, after = (2 * fit_physical(A, r, held).objective + rest for A, r, rest in pairs)
-        gains.append(before - after)
-    return float(np.nan_to_num(min(gains)))
-
-
-def _inverse(matrix: Floats) -> Floats:
-    """Return the inverse of a positive semi-definite matrix, zero along directions that it does not see."""
-    length = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    size = np.where(length > 0.0, length, 1.0)
-    inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=NONE, hermitian=True)
-    return np.asarray(inverse / np.outer(size, size))
+        prior = heavier.prior.copy()
+        prior[heavier.bodies] *= mass
+        held = replace(heavier, prior=prior)
+        drop = float(np.nan_to_num(without.objective(held) - with_it.objective(held)))
+        drops.append(drop - with_it.freedom(without)[1])
+    return tuple(drops)

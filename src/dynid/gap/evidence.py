@@ -302,24 +302,23 @@ class Evidence:
         # Why without errors that joints share: these are small, and would take up a delay of any size here.
         T = np.r_[: self.base - self.shared, self.base : self.width]
         T = T if part is None else T[(part.start > T) | (part.stop <= T)]
-        models = list(self.joints)
-        others = [m.plain[m.own + 1 :] for m in models]
-        grams = [x[T][:, m.own + 1 + T] for m, x in zip(models, others, strict=True)]
-        sides, powers = {}, {}
-        for j in joints:
-            m = models[j]
-            at = np.arange(m.errors, m.own) if part is None else m.own + 1 + np.r_[part]
-            sides[j] = others[j][T][:, at] @ size
-            powers[j] = size @ m.plain[np.ix_(at, at)] @ size
-        G = np.sum(grams, axis=0) + self.prior[np.ix_(T, T)]
-        ridge = 1e-9 * np.maximum(np.diag(G), 1e-12) + 1e-12
-        root = lower_root(G + np.diag(ridge))
-        taken = back(root, forward(root, np.sum([*sides.values()], axis=0)))
-        power = np.array([taken @ gram @ taken for gram in grams])
-        for j in joints:
-            power[j] += powers[j] - 2.0 * taken @ sides[j]
-        counts = np.array([max(float(model.counts.sum()), 1.0) for model in models])
-        return np.asarray(np.sqrt(np.maximum(power, 0.0) / counts))
+        gram, side, torques = self.prior[np.ix_(T, T)], np.zeros(len(T)), []
+        for j, model in enumerate(self.joints):
+            torque, behind = np.zeros(len(model.plain)), model.own + 1
+            if j in joints and part is None:
+                torque[model.errors : model.own] = size
+            elif j in joints and part is not None:
+                torque[behind:][part] = size
+            gram = gram + model.plain[behind:, behind:][np.ix_(T, T)]
+            side += model.plain[behind + T] @ torque
+            torques.append(torque)
+        ridge = 1e-9 * np.maximum(np.diag(gram), 1e-12) + 1e-12
+        root, power = lower_root(gram + np.diag(ridge)), []
+        taken = back(root, forward(root, side))
+        for model, torque in zip(self.joints, torques, strict=True):
+            torque[model.own + 1 + T] -= taken
+            power.append(torque @ model.plain @ torque / max(float(model.counts.sum()), 1.0))
+        return np.sqrt(np.maximum(power, 0.0))
 
     def rest(self) -> Rest:
         """Return what is missing without a name."""
@@ -426,39 +425,36 @@ def evidence_of(
         prior: rows [columns, value] on the base parameters, (r, p + 1); None for none.
     """
     n, p = rows.W.shape[1:]
-    bands, errors = Bands(rows, noise, *instants(rows, repeats)), error_columns(rows)
-    size = p + len(errors.common)
+    bands, (common, own) = Bands(rows, noise, *instants(rows, repeats)), error_columns(rows)
+    size = p + len(common)
     every, filtered, models = [], [], []
     for j in range(n):
-        shared = np.concatenate([rows.tau[:, j][None], rows.W[:, j].T, errors.common[:, j]])
-        kinds, at, counts = [], len(errors.own[j]), bands.counts(j)
-        white, parts = [bands.transformed(j, errors.own[j])], [errors.own[j]]
-        if white[0][:SHARP].any():
-            kinds.append((SHAPE, slice(0, SHARP)))
+        counts, at = bands.counts(j), len(own[j])
+        white, parts = [bands.transformed(j, own[j])], [own[j]]
+        kinds = {SHAPE: slice(0, SHARP)} if white[0][:SHARP].any() else {}
         for name, columns in rest_columns(rows, j).items():
             made = bands.transformed(j, columns)
-            power = float(np.sum(made**2)) / max(float(counts.sum()), 1.0)
-            scale = np.sqrt(max(power, 1e-12))
-            kinds.append((name, slice(at, at + len(made))))
+            scale = np.sqrt(max(float(np.sum(made**2)) / max(float(counts.sum()), 1.0), 1e-12))
+            kinds[name] = slice(at, at + len(made))
+            at += len(made)
             white.append(made / scale)
             parts.append(columns / scale)
-            at += len(made)
+        shared = np.concatenate([rows.tau[:, j][None], rows.W[:, j].T, common[:, j]])
         every.append(np.concatenate([*white, bands.transformed(j, shared)]))
         filtered.append(np.concatenate(parts))
-        usual = [0.0 if name == SHAPE else np.log(tuning.REST_USUAL) for name, _ in kinds]
-        model = JointModel(
-            grams=bands.products(every[j], every[j]),
-            counts=counts,
-            kinds=tuple(kinds),
-            errors=len(errors.own[j]),
-            log_rms=np.array(usual),
-            powers=np.zeros(len(counts)),
+        models.append(
+            JointModel(
+                grams=bands.products(every[j], every[j]),
+                counts=counts,
+                kinds=tuple(kinds.items()),
+                errors=len(own[j]),
+                log_rms=np.array([np.log(tuning.REST_USUAL) * (name != SHAPE) for name in kinds]),
+                powers=np.zeros(len(counts)),
+            )
         )
-        models.append(model)
-    known = np.sum([np.diag(m.plain)[m.own + 1 :][:p] for m in models], axis=0)
-    precision, held = np.ones(size), np.zeros(size)
-    precision[:p] = FLAT * np.maximum(known, 1e-12)
-    information = np.diag(precision)
+    known = sum(np.diag(m.plain)[m.own + 1 :][:p] for m in models)
+    information, held = np.eye(size), np.zeros(size)
+    information[range(p), range(p)] = FLAT * np.maximum(known, 1e-12)
     if prior is not None:
         information[:p, :p] += prior[:, :p].T @ prior[:, :p]
         held[:p] += prior[:, :p].T @ prior[:, -1]

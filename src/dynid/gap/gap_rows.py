@@ -8,8 +8,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
+from scipy.ndimage import binary_dilation, binary_opening
 
 from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation.rows import parallel_filtered, rows_of
@@ -196,13 +195,6 @@ def on_joint(columns: EffectColumns, joint: int, count: int) -> Floats:
 
 def moving(qd: Floats, rate: float) -> Mask:
     """Return which rows are not part of a rest, (M, n)."""
-    # Why not scipy.ndimage, which has it ready: to import it takes as long as a tenth of a search.
     width = max(1, round(DWELL_SECONDS * rate))
-    rests = _windows(np.abs(qd) < REST_SPEED, 0, width).all(axis=2)
-    return np.asarray(~_windows(rests, 2 * width, width).any(axis=2))
-
-
-def _windows(x: ArrayLike, before: int, after: int) -> Mask:
-    """Return the rows around each row, (M, n, before + 1 + after); False beyond the ends."""
-    padded = np.pad(x, ((before, after), (0, 0)))
-    return sliding_window_view(padded, before + 1 + after, axis=0)
+    rests = binary_opening(np.abs(qd) < REST_SPEED, np.ones((width + 1, 1)))
+    return np.asarray(~binary_dilation(rests, np.ones((2 * width + 1, 1))))

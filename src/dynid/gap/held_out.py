@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.arrays import Floats, Ints
-from dynid.gap.counterbalance import possible_fit
+from dynid.arrays import Floats, Ints, Mask
+from dynid.gap.counterbalance import Links
 from dynid.gap.delays import EffectSearch
 from dynid.gap.known_errors import KnownErrors
 from dynid.gap.problem import GapProblem
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
-
-#: Residuals of the held-out rows of a joint that count, and the number of the block of time of each, (M_j,) and (M_j,).
-HeldOutRows = tuple[Floats, Ints]
 
 #: Blocks of time that errors are taken from: longer than the memory of whitened residuals [s], and so many of them if
 #: the rows last long enough.
@@ -74,70 +71,64 @@ def prediction(
     fit = fitted_with(replace(problem, noise=problem.in_force or problem.noise), effects)
     theta, sizes = fit.theta[: fit.base], fit.amplitudes
     if problem.in_force is not None:
-        theta, sizes = possible_fit(fit, problem.base)
+        theta, sizes, _ = Links.beside(fit, problem.base).fit()
     torques = torque_in_rows(replace(fit.rows, use=rows.use), effects, sizes)
     return rows.tau - rows.W @ theta - sum(torques), torques
 
 
-def held_out_rows(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[HeldOutRows]:
-    """Return the held-out rows of each joint as they are left by model and effects."""
+def held_out(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Floats:
+    """Return what model and effects leave of the held-out rows, (M, n); no number where rows do not count."""
+    return np.where(_judged(problem), prediction(problem, selected)[0], np.nan)
+
+
+def _judged(problem: GapProblem) -> Mask:
+    """Return which rows of each joint are held out and count, (M, n)."""
     rows = problem.rows.only(problem.rows.held)
-    # Why longer: what a joint leaves of a comparison with earlier logs goes on for longer.
-    shortest = LONGEST_BLOCK if problem.since else SHORTEST_BLOCK
-    seconds = float(rows.use.any(axis=1).sum()) / rows.rate
-    length = min(LONGEST_BLOCK, max(shortest, seconds / BLOCKS))
-    block = 1_000_000 * rows.part + rows.at // max(1, round(length * rows.rate))
-    left, _ = prediction(problem, selected)
-    use = (problem.noise.counting(rows, j) for j in range(left.shape[1]))
-    return [(e[chosen], block[chosen]) for e, chosen in zip(left.T, use, strict=True)]
+    return np.array([problem.noise.counting(rows, j) for j in range(rows.use.shape[1])]).T
 
 
-def rms_of(joints: Sequence[HeldOutRows]) -> Floats:
-    """Return the rms of each joint, (n,) [N m or N]."""
-    return np.array([np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints])
+def rms_of(left: Floats) -> Floats:
+    """Return the rms of each joint of what is left, (n,) [N m or N]."""
+    return np.asarray(np.sqrt(np.nansum(left**2, axis=0) / np.maximum(np.isfinite(left).sum(0), 1)))
 
 
 def held_out_improvement(
-    problem: GapProblem,
-    before: Sequence[HeldOutRows],
-    after: Sequence[HeldOutRows],
-    errors: KnownErrors,
+    problem: GapProblem, before: Floats, after: Floats, errors: KnownErrors
 ) -> HeldOutImprovement:
     """Return the gap on held-out rows before and after.
 
     Args:
         problem: the problem.
-        before: held-out rows without effects.
+        before: what is left without effects, (M, n).
         after: and with them.
         errors: what no effect has to explain.
     """
-    ratio = [_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))]
-    # Rms of what no effect has to explain on held-out rows, but for noise.
-    rows = problem.rows.only(problem.rows.held)
-    use = np.array([problem.noise.counting(rows, j) for j in range(len(before))]).T
-    power = np.sum(np.where(use, errors.power(rows), 0.0), axis=0)
-    known = np.sqrt(power / np.maximum(use.sum(axis=0), 1))
-    floor = problem.noise.floor
-    return HeldOutImprovement(rms_of(before), rms_of(after), np.array(ratio), floor, known)
-
-
-def _ratio(before: HeldOutRows, after: HeldOutRows, seed: int) -> Floats:
-    """Return the 95 % interval of the ratio of rms values, (2,), of blocks of time."""
-    names, block = np.unique(before[1], return_inverse=True)
-    if len(names) < MIN_BLOCKS or len(before[0]) != len(after[0]):
-        return np.array([0.0, np.inf])
-    sums = [np.bincount(block, x[0] ** 2, len(names)).astype(np.float64) for x in (before, after)]
-    return ratio_interval(sums[0], sums[1], seed)
-
-
-def ratio_interval(before: Floats, after: Floats, seed: int) -> Floats:
-    """Return the 95 % interval of the ratio of rms values, from sums of squares of B blocks, (B,) each, as (2,)."""
-    counts = np.random.default_rng(seed).multinomial(
-        len(before), np.full(len(before), 1 / len(before)), DRAWS
+    rows, use = problem.rows, _judged(problem)
+    # Why longer: what a joint leaves of a comparison with earlier logs goes on for longer.
+    shortest = LONGEST_BLOCK if problem.since else SHORTEST_BLOCK
+    length = min(LONGEST_BLOCK, max(shortest, float(use.any(axis=1).sum()) / rows.rate / BLOCKS))
+    block = 1_000_000 * rows.part + rows.at // max(1, round(length * rows.rate))
+    ratio = [_ratio(b, a, block, j) for j, (b, a) in enumerate(zip(before.T, after.T, strict=True))]
+    # What no effect has to explain, but for noise.
+    known = rms_of(np.where(use, np.sqrt(errors.power(rows)), np.nan))
+    return HeldOutImprovement(
+        rms_of(before), rms_of(after), np.array(ratio), problem.noise.floor, known
     )
-    ratios = np.sqrt(counts @ after / np.maximum(counts @ before, 1e-30))
-    interval: Floats = np.quantile(ratios, [0.025, 0.975])
-    return interval
+
+
+def _ratio(before: Floats, after: Floats, block: Ints, seed: int) -> Floats:
+    """Return the 95 % interval of the ratio of rms values, (2,), of blocks of time; all (M,)."""
+    use = np.isfinite(before)
+    if len(before) != len(after) or not np.array_equal(use, np.isfinite(after)):
+        return np.array([0.0, np.inf])
+    names, block = np.unique(block[use], return_inverse=True)
+    if len(names) < MIN_BLOCKS:
+        return np.array([0.0, np.inf])
+    one, other = (np.bincount(block, x[use] ** 2, len(names)) for x in (before, after))
+    share = np.full(len(names), 1 / len(names))
+    counts = np.random.default_rng(seed).multinomial(len(names), share, DRAWS)
+    ratios = np.sqrt(counts @ other / np.maximum(counts @ one, 1e-30))
+    return np.asarray(np.quantile(ratios, [0.025, 0.975]))
 
 
 # ---------------------------------------------------------------- each effect

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
@@ -85,29 +86,16 @@ def reversal_columns(rows: GapRows, joint: int) -> Floats:
 def without_slow(x: Floats, seconds: float, t: Floats) -> Floats:
     """Return signals at times t, (..., N), less their mean over a Gauss bell of so many seconds."""
     width = seconds / float(np.median(np.diff(t)))
-    half = max(1, int(np.ceil(4 * width)))
-    bell = np.exp(-0.5 * (np.arange(-half, half + 1) / max(width, 1e-6)) ** 2)
-    flat = np.pad(x.reshape(-1, x.shape[-1]), ((0, 0), (half, half)), mode="edge")
-    size = 1 << (flat.shape[1] + 2 * half).bit_length()
-    smooth = np.fft.irfft(np.fft.rfft(flat, size) * np.fft.rfft(bell / bell.sum(), size), size)
-    return np.asarray(x - smooth[:, 2 * half : 2 * half + x.shape[-1]].reshape(x.shape))
+    return np.asarray(x - gaussian_filter1d(x, width, mode="nearest"))
 
 
-@dataclass(frozen=True)
-class ErrorColumns:
-    """Columns of known errors, each one standard deviation, filtered [N m or N].
+def error_columns(rows: GapRows) -> tuple[Floats, Floats]:
+    """Return columns of known errors, each one standard deviation, filtered [N m or N].
 
-    Attributes:
-        common: of errors that all joints share, (1 + 2 n, n, M).
-        own: of errors of one joint alone, reversals first, (n, 7 + 2 n, M).
+    Returns:
+        Of errors that all joints share, (1 + 2 n, n, M), and of those of one joint alone, reversals first,
+        (n, 7 + 2 n, M).
     """
-
-    common: Floats
-    own: Floats
-
-
-def error_columns(rows: GapRows) -> ErrorColumns:
-    """Return the columns of all known errors."""
     common, inertial = [], []
     for motion, log in zip(rows.motions, rows.logs, strict=True):
         still = np.zeros_like(motion.qdd)
@@ -127,7 +115,7 @@ def error_columns(rows: GapRows) -> ErrorColumns:
         inertial.append(tuning.ACCELERATION * np.concatenate([torques, fast]))
     own = rows.filtered(inertial).swapaxes(0, 1)
     shapes = [reversal_columns(rows, j) for j in range(len(own))]
-    return ErrorColumns(rows.filtered(common), np.concatenate([shapes, own], axis=1))
+    return rows.filtered(common), np.concatenate([shapes, own], axis=1)
 
 
 @dataclass(frozen=True)
@@ -147,7 +135,6 @@ class KnownErrors:
     def power(self, rows: GapRows) -> Floats:
         """Return the expected square of all of them, filtered, (M, n)."""
         unsure = np.einsum("mjp,pq,mjq->mj", rows.W, self.covariance, rows.W, optimize=True)
-        columns = error_columns(rows)
-        torque = np.tensordot(self.common, columns.common, 1)
-        torque = torque + np.einsum("jc,jcm->jm", self.own, columns.own)
+        common, own = error_columns(rows)
+        torque = np.tensordot(self.common, common, 1) + np.einsum("jc,jcm->jm", self.own, own)
         return np.asarray(unsure + torque.T**2)

@@ -65,17 +65,20 @@ class Regression:
         both = (np.column_stack([self.columns(j), y]) for j, y in enumerate(self.y))
         return np.array([X.T @ X for X in both])
 
-    @cached_property
-    def root(self) -> Floats:
-        """R with R R^T the inverse of the normal matrix without directions that are not excited, (w, r).
-
-        Known errors are of one standard deviation.
-        """
+    @property
+    def information(self) -> Floats:
+        """The normal matrix, (w, w); known errors are of one standard deviation."""
         gram, p = self.gram.sum(axis=0)[:-1, :-1], self.base
         if self.prior is not None:
             gram[:p, :p] += self.prior[:, :-1].T @ self.prior[:, :-1]
         errors = np.arange(p, self.baseline[0].shape[1])
         gram[errors, errors] += 1.0
+        return np.asarray(gram)
+
+    @cached_property
+    def root(self) -> Floats:
+        """R with R R^T the inverse of the normal matrix without directions that are not excited, (w, r)."""
+        gram = self.information
         length = np.sqrt(np.diag(gram))
         length = np.where(length > 0, length, 1.0)
         values, V = np.linalg.eigh(gram / np.outer(length, length))

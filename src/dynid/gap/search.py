@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, softmax
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
@@ -19,14 +19,13 @@ from dynid.gap.candidates import (
     candidates_of,
     gains,
     places_of,
-    prior_precision,
     visible_share,
 )
 from dynid.gap.evidence import Evidence, EvidenceRows, evidence_of
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key, SelectedEffect
-from dynid.gap.shapes import integrated, sizes_of
+from dynid.gap.shapes import integrated, over_shapes, turning
 from dynid.progress import advance
 
 #: Joints whose rest is sized beside an effect that acts on all: those that show it most.
@@ -235,13 +234,13 @@ class Search:
         """
         taken, evidence = {one.place.at for one in state.named} | self.barred, state.evidence
         open_ = [one for one in state.candidates if one.place.at not in taken]
-        picked = dict.fromkeys(k for k, one in enumerate(open_) if one.place.key == own)
+        picked = [k for k, one in enumerate(open_) if one.place.key == own]
         bare = evidence.smaller(1.0)
         for some in (evidence, evidence.smaller(0.5), bare):
             odds = np.array([gains(some, one).log_odds.max() for one in open_])
             best = np.argsort(-odds, kind="stable")[: tuning.MOST_LOOKS]
-            picked |= dict.fromkeys(best[odds[best] >= tuning.WORTH_A_LOOK].tolist())
-        looks = [self._look(state, bare, open_[k]) for k in picked]
+            picked += best[odds[best] >= tuning.WORTH_A_LOOK].tolist()
+        looks = [self._look(state, bare, open_[k]) for k in dict.fromkeys(picked)]
         looks = [one for one in looks if one.log_odds > 0.0]
         looks = [replace(one, visible=max(self._visible(state, one).values())) for one in looks]
         # Why first: a long log is sure of torques that matter to nobody, and they are no rivals of what does.
@@ -273,36 +272,36 @@ class Search:
         g = int(np.argmax(gained.log_odds))
         # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
         _, shape, scale = integrated(bare, state.rows, one, state.added)
-        starts = {g: float(gained.scale[g])}
-        if shape not in one.shapes:
-            one = one.and_also(candidate(state.rows, one.place, [shape], state.added))
-        starts.setdefault(one.shapes.index(shape), scale)
-        looks = [self._look_from(state, one, *start) for start in starts.items()]
+        looks = [self._look_from(state, one, one.shapes[g], float(gained.scale[g]))]
+        if shape != one.shapes[g]:
+            looks.append(self._look_from(state, one, shape, scale))
         return max(looks, key=lambda look: look.log_odds)
 
-    def _look_from(self, state: State, one: Candidate, g: int, scale: float) -> Look:
+    def _look_from(
+        self, state: State, one: Candidate, shape: dict[str, float], scale: float
+    ) -> Look:
         """Return a candidate with the rest sized beside one of its shapes."""
-        evidence, (products, rms) = state.evidence, one.at(g)
+        evidence, alone = state.evidence, candidate(state.rows, one.place, [shape], state.added)
         strength = {
-            j: float(np.trace(own.sum(axis=0)) / max(evidence.joints[j].counts.sum(), 1.0))
-            for j, (own, _) in products.items()
+            j: float(np.trace(own.sum(axis=0)[0]) / max(evidence.joints[j].counts.sum(), 1.0))
+            for j, own in alone.own.items()
         }
         joints = sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS]
-        wide = evidence.with_columns(products, prior_precision(products, rms / scale))
-        sized = evidence.sized_as(wide.sized(joints))
-        again = gains(sized, one)
-        best = int(np.argmax(again.log_odds))
-        odds = self._odds(state, one, sized, float(again.log_odds[best]))
-        shape, scale = dict(one.shapes[best]), float(again.scale[best])
-        return Look(one.place, one, shape, scale, odds, sized)
+        sized = evidence.sized_as(alone.among(evidence, scale).sized(joints))
+        looks = []
+        for some in (one, alone):
+            gained = gains(sized, some)
+            g = int(np.argmax(gained.log_odds))
+            odds = self._odds(state, one, sized, float(gained.log_odds[g]))
+            looks.append(Look(one.place, one, some.shapes[g], float(gained.scale[g]), odds, sized))
+        return max(looks, key=lambda look: look.log_odds)
 
     def _visible(self, state: State, look: Look) -> dict[int, float]:
         """Return the visible size of a candidate by joint in units of the noise, beside what is named."""
         one = candidate(state.rows, look.place, [look.shape], state.added)
-        products, rms = one.at(0)
-        size = gains(look.evidence, one).amplitudes[0]
-        wide = look.evidence.with_columns(products, prior_precision(products, rms))
+        wide = one.among(look.evidence, 1.0)
         part = slice(look.evidence.width, wide.width)
+        size = gains(look.evidence, one).amplitudes[0]
         return self._seen(wide, part, size, look.place, list(one.own))
 
     def _seen(
@@ -328,9 +327,7 @@ class Search:
             evidence, added = self.first.sized_as(sized), list[EffectColumns]()
             for one in named:
                 made = candidate(rows, one.place, [one.shape], added)
-                products, rms = made.at(0)
-                precision = prior_precision(products, rms / one.scale)
-                evidence = evidence.with_columns(products, precision)
+                evidence = made.among(evidence, one.scale)
                 added.append({j: C[0] for j, C in made.columns.items()})
             sized = evidence.sized(range(len(evidence.joints)))
             # Now scaled with the parameters and sizes that were found.
@@ -397,39 +394,36 @@ class Search:
         """Return how late torques are beside what is named."""
         # Why without the skew of the recorder: it is a delay too, and what is told is the whole.
         skew = self.problem.base.rank
-        part = slice(skew, skew + 1)
-        gained = gains(look.evidence.without(part), look.candidate)
-        (delay,), error = gained.amplitudes[0].tolist(), float(np.sqrt(gained.covariance[0, 0, 0]))
-        visible = self._visible(state, look)
-        joint = max(visible, key=lambda j: visible[j])
-        return SelectedEffect(
-            effect=look.place.effect,
-            joints=(),
-            shape={},
-            joint=joint,
-            visible=visible[joint],
-            log_odds=look.log_odds,
-            p_value=float(chdtrc(1, (delay / error) ** 2)),
-            values={"delay": delay},
-            std_errors={"delay": error},
-        )
+        evidence = look.evidence.without(slice(skew, skew + 1))
+        return self._told(state, look, evidence, self._visible(state, look))
 
     def _with_numbers(self, state: State, k: int) -> SelectedEffect:
         """Return a name with sizes and errors, everything else and its own shape being integrated out."""
-        one, part, effect = state.named[k], state.columns(k), state.named[k].place.effect
-        without = state.evidence.without(part)
-        sizes = sizes_of(without, state.rows, one.place, one.shape, state.added)
+        one, part = state.named[k], state.columns(k)
+        mode = state.evidence.estimate[part]
+        visible = self._seen(state.evidence, part, mode, one.place, list(state.added[k]))
+        equals = [place for place, x in one.rivals if x > not_ruled_out(one.log_odds)]
+        odds = np.array([0.0, one.log_odds, *(x for _, x in one.rivals)])
+        return replace(
+            self._told(state, one, state.evidence.without(part), visible),
+            rivals=tuple(each.key for each in equals if not each.always),
+            always=any(each.always for each in equals),
+            probability=float(softmax(odds)[1]),
+        )
+
+    def _told(
+        self, state: State, one: Look, beside: Evidence, visible: dict[int, float]
+    ) -> SelectedEffect:
+        """Return what is looked at with its numbers, by its evidence without it and its visible size by joint."""
+        effect, rows = one.place.effect, state.rows
+        ways = turning(rows) if "vs" in effect.steps else [rows]
+        sizes = over_shapes(beside, ways, one.place, one.shape, state.added)
         size, power = sizes.amplitudes, np.diag(sizes.covariance)
         there = power > 0
         covariance = sizes.covariance[np.ix_(there, there)]
         square = float(size[there] @ np.linalg.solve(covariance, size[there]))
         errors = np.where(there, np.sqrt(power), np.inf)
-        names, mode = list(effect.amplitudes(one.shape)), state.evidence.estimate[part]
-        visible = self._seen(state.evidence, part, mode, one.place, list(state.added[k]))
-        joint = max(visible, key=lambda j: visible[j])
-        equals = [place for place, x in one.rivals if x > not_ruled_out(one.log_odds)]
-        odds = np.array([0.0, one.log_odds, *(x for _, x in one.rivals)])
-        weights = np.exp(odds - odds.max())
+        names, joint = [*effect.amplitudes(one.shape)], max(visible, key=lambda j: visible[j])
         return SelectedEffect(
             effect=effect,
             joints=one.place.joints,
@@ -438,11 +432,6 @@ class Search:
             visible=visible[joint],
             log_odds=one.log_odds,
             p_value=float(chdtrc(int(there.sum()), square)),
-            rivals=tuple(each.key for each in equals if not each.always),
-            always=any(each.always for each in equals),
             values=dict(zip(names, size.tolist(), strict=True)) | sizes.shape,
-            std_errors=dict.fromkeys(effect.steps, float("inf"))
-            | sizes.shape_errors
-            | dict(zip(names, errors.tolist(), strict=True)),
-            probability=float(weights[1] / weights.sum()),
+            std_errors=sizes.shape_errors | dict(zip(names, errors.tolist(), strict=True)),
         )

@@ -44,7 +44,7 @@ def find_strays(state: State, shown: Sequence[int]) -> list[Stray]:
     """
     bands, evidence, rows = state.rows.bands, state.evidence, state.rows.rows
     noise, theta, p = bands.noise, evidence.estimate, rows.W.shape[2]
-    common = error_columns(rows).common
+    common = error_columns(rows)[0]
     shared = np.tensordot(theta[p : p + len(common)], common, 1)
     left, strays = (rows.tau - rows.W @ theta[:p]).T - shared, []
     for k, one in enumerate(state.named):

@@ -121,7 +121,7 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
     problem = make_problem(
         twolinks.logs(more_friction, plans=(5, 6), first=20), twolinks.base, kept, old
     )
-    wide, held = with_always_missing(problem.rows, problem.theta, np.ones(2))
+    wide, held = with_always_missing(problem, problem.rows)
     found = change_test(wide, held)
     eras = [
         [stacked(wide, wide.train & (wide.is_new == is_new), j) for j in range(2)]

@@ -12,7 +12,7 @@ from dynid.gap.candidates import Place, SelectionOptions, candidate, gains
 from dynid.gap.evidence import Evidence, JointModel
 from dynid.gap.problem import make_problem
 from dynid.gap.search import Search, log_odds_of
-from dynid.gap.shapes import sizes_of, turning
+from dynid.gap.shapes import over_shapes, turning
 from dynid.model.effects.catalogue import CATALOGUE
 
 #: Rows of the two bands of ``drawn``.
@@ -124,10 +124,8 @@ def test_a_bayes_factor_is_the_evidence_with_the_column_over_that_without(twolin
         ("asymmetric_viscous",),
     )
     one = candidate(chosen.rows, Place(CATALOGUE["asymmetric_viscous"], (1,)), [{}])
-    products, rms = one.at(0)
     factors = [
-        chosen.first.with_columns(products, np.diag((rms / scale) ** 2)).log_evidence
-        - chosen.first.log_evidence
+        one.among(chosen.first, scale).log_evidence - chosen.first.log_evidence
         for scale in (1.0, 10.0, 100.0)
     ]
     assert gains(chosen.first, one).log_odds[0] == pytest.approx(
@@ -184,7 +182,7 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
         ("nonlinear_viscous",),
     )
     effect, beside = CATALOGUE["nonlinear_viscous"], chosen.first.smaller(1.0)
-    found = sizes_of(beside, chosen.rows, Place(effect, (1,)), {"p": 1.7}, ())
+    found = over_shapes(beside, [chosen.rows], Place(effect, (1,)), {"p": 1.7}, ())
     x = np.linspace(np.log(1.05), np.log(3.0), 400)
     every = gains(
         beside, candidate(chosen.rows, Place(effect, (1,)), [{"p": p} for p in np.exp(x)])
@@ -213,7 +211,8 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
 
     chosen = selection(twolinks, hump, ("stribeck",))
     effect, beside = CATALOGUE["stribeck"], chosen.first.smaller(1.0)
-    found = sizes_of(beside, chosen.rows, Place(effect, (1,)), {"vs": speed, "d": sharpness}, ())
+    ways, shape = turning(chosen.rows), {"vs": speed, "d": sharpness}
+    found = over_shapes(beside, ways, Place(effect, (1,)), shape, ())
     x, y = (
         a.ravel()
         for a in np.meshgrid(
@@ -221,9 +220,7 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
         )
     )
     shapes = [{"vs": vs, "d": d} for vs, d in zip(np.exp(x), np.exp(y), strict=True)]
-    every = [
-        gains(beside, candidate(rows, Place(effect, (1,)), shapes)) for rows in turning(chosen.rows)
-    ]
+    every = [gains(beside, candidate(rows, Place(effect, (1,)), shapes)) for rows in ways]
     weights = special.softmax([one.log_odds for one in every])
     sizes = np.array([one.amplitudes[:, 0] for one in every])
     mean = np.sum(weights * sizes)

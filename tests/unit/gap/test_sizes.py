@@ -7,7 +7,7 @@ import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.delays import search_effects
-from dynid.gap.held_out import held_out_improvement, held_out_rows
+from dynid.gap.held_out import held_out, held_out_improvement
 
 OFFSET = 0.12
 
@@ -90,7 +90,7 @@ def test_a_delay_comes_back_with_its_error(twolinks):
 
 
 def improvement(search, effects):
-    before, after = (held_out_rows(search.problem, some) for some in ([], effects))
+    before, after = (held_out(search.problem, some) for some in ([], effects))
     return held_out_improvement(search.problem, before, after, search.errors)
 
 
