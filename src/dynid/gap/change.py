@@ -142,12 +142,14 @@ def change_test(rows: GapRows, held_by: Floats) -> ChangeTest:
     unlike, uneven, harm = np.ones(n), np.zeros(n), np.zeros(n)
     for era, both, other in zip(eras, whole, whole[::-1], strict=True):
         for j in range(n):
-            for key in (time, rows.q[:, j], np.abs(rows.qd[:, j])):
+            speed = np.abs(rows.qd[:, j])
+            for key in (time, rows.q[:, j], speed):
                 first = era & (key < np.median(key[era]))
                 one, second = parts.products(first), era & ~first
                 unlike[j] = max(unlike[j], parts.growth([one, both - one])[j])
-                for pair in ((first, second), (second, first)):
-                    uneven[j] = max(uneven[j], _louder(left[:, j], rows.qd[:, j], *pair))
+                if key is not speed:
+                    for pair in ((first, second), (second, first)):
+                        uneven[j] = max(uneven[j], _louder(left[:, j], speed, *pair))
         number = (np.cumsum(era) - 1) * PARTS // era.sum()
         out = [parts.products(era & (number == k)) for k in range(PARTS)]
         with_other, without = (
@@ -155,7 +157,9 @@ def change_test(rows: GapRows, held_by: Floats) -> ChangeTest:
             for more in (other, 0.0)
         )
         harm = np.maximum(harm, with_other / without)
-    more = np.array([_louder(left[:, j], rows.qd[:, j], *eras[::-1]) for j in range(n)])
+    more = np.array(
+        [_louder(*pair, *eras[::-1]) for pair in zip(left.T, np.abs(rows.qd.T), strict=True)]
+    )
     return ChangeTest(parts.growth(whole), unlike, harm, more, uneven)
 
 
@@ -213,7 +217,7 @@ class _Parts:
 
 def _louder(left: Floats, speed: Floats, one: Mask, other: Mask) -> float:
     """Return the rms of residuals in some rows over that in others, all (M,), the least of slow and fast ones."""
-    known, speed = np.isfinite(left), np.abs(speed)
+    known = np.isfinite(left)
     both = (one | other) & known
     middle, ratios = np.median(speed[both]) if both.any() else 0.0, []
     for alike in (speed >= middle, speed < middle):

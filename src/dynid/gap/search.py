@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc, softmax
+from scipy.special import chdtrc, logit, softmax
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
@@ -111,14 +111,9 @@ class State:
         return replace(self, named=named, evidence=evidence.sized(range(len(evidence.joints))))
 
 
-def log_odds_of(probability: float) -> float:
-    """Return log odds."""
-    return float(np.log(probability / (1.0 - probability)))
-
-
 def not_ruled_out(log_odds: float) -> float:
     """Return the log odds of a rival that are just not ruled out by those of a name."""
-    return log_odds - log_odds_of(tuning.AGAINST_OTHERS)
+    return log_odds - float(logit(tuning.AGAINST_OTHERS))
 
 
 def contains(wide: Place, narrow: Place) -> bool:
@@ -163,7 +158,7 @@ class Search:
             delay: whether a delay is tried.
         """
         self.problem, self.options = problem, options
-        self.sure = log_odds_of(options.sure)
+        self.sure = float(logit(options.sure))
         self.places = places_of(problem, options, delay=delay)
         rows = problem.searched(problem.theta)
         self.first, self.rows = evidence_of(rows, problem.noise, problem.repeats, problem.prior)
@@ -386,7 +381,7 @@ class Search:
                 and kept.get(look.place.at, 0.0) < tuning.INSTEAD * look.log_odds
             )
             with_odds.append(replace(one, log_odds=own, rivals=rivals))
-        if likely is None or likely.late or likely.log_odds <= log_odds_of(tuning.LIKELY):
+        if likely is None or likely.late or likely.log_odds <= logit(tuning.LIKELY):
             return replace(state, named=tuple(with_odds))
         return self._built([*with_odds, likely], likely.evidence)
 

@@ -19,8 +19,8 @@ from dynid.gap.evidence import Evidence, EvidenceRows
 from dynid.gap.gap_rows import EffectColumns
 from dynid.model.effects.interface import Effect
 
-#: Beyond the grid, in first steps, that a shape may be; and half the first lattice about a shape of the grid.
-BEYOND, ABOUT = 1.0, 2.0
+#: Beyond the grid, in first steps, that a shape may be.
+BEYOND = 1.0
 #: Points of a lattice along each axis, and half of what lies between the outermost, in spacings.
 POINTS = 9
 HALF = (POINTS - 1) / 2
@@ -106,7 +106,6 @@ def over_shapes(
     place: Place,
     best: dict[str, float],
     added: Sequence[EffectColumns],
-    reach: float = np.inf,
 ) -> OverShapes:
     """Return an effect over its shapes: those of its grid, or of a lattice where they are refined.
 
@@ -116,15 +115,14 @@ def over_shapes(
         place: the effect and where it sits.
         best: its best shape so far.
         added: columns that have been added to T, one effect after the other.
-        reach: half of the first lattice, in first steps; that much of all that may be.
     """
     effect, names = place.effect, [*place.effect.amplitudes(best)]
     grid = effect.grid(ways[0].rows.motion, place.joints)
     shapes = [each for each in grid if [*effect.amplitudes(each)] == names]
     low, high = ends_of(effect, grid)
-    wide, half = high - low, np.minimum(reach, (high - low) / 2)
-    # The middle of the lattice, and from one point to the next, a column for each axis.
-    center, steps = np.clip(in_steps(effect, best), low + half, high - half), np.diag(half) / HALF
+    wide, center = high - low, (low + high) / 2
+    # From one point of the lattice to the next, a column for each axis.
+    steps = np.diag(wide) / (POINTS - 1)
     lattice = np.array(list(product(np.linspace(-HALF, HALF, POINTS), repeat=len(low))))
     for closing in range(CLOSINGS):
         if effect.steps:
@@ -187,7 +185,7 @@ def integrated(
     mean = float(logsumexp(on_grid.log_odds) - np.log(len(one.shapes)))
     if not steps or on_grid.log_odds[best] < -1e8:
         return mean, one.shapes[best], float(on_grid.scale[best])
-    closed = over_shapes(evidence, [rows], one.place, one.shapes[best], added, ABOUT)
+    closed = over_shapes(evidence, [rows], one.place, one.shapes[best], added)
     other = len({tuple(v for name, v in s.items() if name not in steps) for s in one.shapes})
     return max(mean, closed.log_odds - float(np.log(other))), closed.best, closed.scale
 

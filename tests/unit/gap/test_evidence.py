@@ -11,7 +11,7 @@ from dynid.gap.bands import Bands, instants
 from dynid.gap.candidates import Place, SelectionOptions, candidate, gains
 from dynid.gap.evidence import Evidence, JointModel
 from dynid.gap.problem import make_problem
-from dynid.gap.search import Search, log_odds_of
+from dynid.gap.search import Search
 from dynid.gap.shapes import over_shapes, turning
 from dynid.model.effects.catalogue import CATALOGUE
 
@@ -169,10 +169,6 @@ def test_a_push_that_nothing_repeats_is_told_by_log_time_and_joint(twolinks, on_
     assert one.log == "log 2"
     assert one.start < 27.0 < one.end
     assert "elbow in log 2 from 2" in seen.verdict.advice
-
-
-def test_log_odds_are_those_of_the_probability():
-    assert log_odds_of(0.99) == pytest.approx(np.log(99))
 
 
 def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):

@@ -118,3 +118,13 @@ def test_a_stribeck_hump_is_fitted_to_its_optimum(twolinks, on_joint):
     for name, truth in (("a", 0.6), ("vs", 0.15), ("d", 1.0)):
         assert abs(one.values[name] - truth) < 3 * one.std_errors[name]
     assert one.p_value < 1e-20
+
+
+@pytest.mark.slow
+def test_a_delay_is_taken_out_and_the_search_goes_on(twolinks, on_joint):
+    effects = ("torque_delay", "torque_offset")
+    there = lambda t, q, qd, qdd: on_joint(1, 0.0 * t + 0.15)  # noqa: E731
+    offset, late = searched(twolinks, there, effects, delay=0.008).selected
+    assert offset.key == ("torque_offset", (1,))
+    assert late.values["delay"] == pytest.approx(0.008, rel=0.03)
+    assert abs(late.values["delay"] - 0.008) < 4 * late.std_errors["delay"] < 4e-3
