@@ -937,36 +937,28 @@ def _make_case(folder, seed, k, rng):
 # --- what dynid says ------------------------------------------------------------------------------
 
 
-def true_numbers(effect):
-    """Return the amplitudes of a hidden thing under the names of the reference, where its law is the catalogue's."""
+def sizes_inside(effect, parameters):
+    """Yield for each amplitude that has a name of its own: true, found, standard error, inside 95 %."""
     size, shape, name = effect["size"], effect["shape"], effect["name"]
     if shape.get("elements", 1) != 1 or shape.get("cubic"):
-        return {}
-    letter, second = LAWS[name].letter, (size * shape.get("ratio", 0),)
-    special = {
+        return
+    letter, second = LAWS[name].letter, size * shape.get("ratio", 0)
+    named = {
         "torque_gain": {"g": (size, size / (1 + size))},
-        "warmup_friction": {"a1": (size,), "a2": second},
-        "joint_coupling": {"a": (size,), "b": second},
-    }
-    plain = {letter: (abs(size) if "&" in letter else size,)} if letter else {}
-    return special.get(name, plain)
-
-
-def sizes_inside(effect, parameters):
-    """Return for each comparable amplitude: true, found, standard error, inside 95 %."""
-    out = []
-    for letters, truths in true_numbers(effect).items():
-        found = [parameters.get(letter, {}) for letter in letters.split("&")]
+        "warmup_friction": {"a1": (size,), "a2": (second,)},
+        "joint_coupling": {"a": (size,), "b": (second,)},
+    }.get(name, {letter: (abs(size) if "&" in letter else size,)})
+    for letters, truths in named.items():
+        found = [parameters.get(each, {}) for each in letters.split("&")]
         if any(one.get("std_error") is None for one in found):
             continue
         values, errors = (np.array([one[key] for one in found]) for key in ("value", "std_error"))
         value, error = float(values[0]), float(errors[0])
         if len(found) > 1:
             value = float(np.linalg.norm(values))
-            error = float(np.sqrt(np.sum((values * errors) ** 2)) / max(value, 1e-300))
+            error = float(np.linalg.norm(values * errors) / max(value, 1e-300))
         inside = any(abs(value - truth) <= 1.96 * error for truth in truths)
-        out.append([effect["name"], float(truths[0]), value, error, bool(inside)])
-    return out
+        yield [name, float(truths[0]), value, error, inside]
 
 
 def names(told, effect):
@@ -988,27 +980,27 @@ def judge(truth, facts, identified_delay):
     told = [one for one in facts["named"] if (one["effect"], *one["joints"][:1]) not in always]
     recorder = truth["recorder"]
     extra = recorder["skew_samples"] / recorder["rate"] if recorder["skew"] == "late" else 0.0
-    wrong, sizes, found = [], [], set()
+    wrong, sizes, found = [], [], []
     for one in told:
-        i = next((i for i, effect in enumerate(hidden) if names(one, effect)), None)
-        if i is not None:
-            found.add(i)
-            if hidden[i]["name"] == one["effect"]:
-                sizes += sizes_inside(hidden[i], one["parameters"])
-            continue
-        late = extra and one["effect"] == "torque_delay"
-        if not late or abs(one["parameters"]["delay"]["value"] - extra) >= 0.4 * extra + 2e-4:
-            wrong.append(one)  # a recorder whose torques are late is told rightly
-    for i, effect in enumerate(hidden):
+        meant = [effect for effect in hidden if names(one, effect)][:1]
+        found += meant
+        for effect in meant:
+            same = effect["name"] == one["effect"]
+            sizes += sizes_inside(effect, one["parameters"]) if same else []
+        late = bool(extra) and one["effect"] == "torque_delay"
+        late = late and abs(one["parameters"]["delay"]["value"] - extra) < 0.4 * extra + 2e-4
+        if not meant and not late:  # a recorder whose torques are late is told rightly
+            wrong.append(f"{one['effect']}@{one['joints']}")
+    for effect in hidden:
         size, away = abs(effect["size"]), (identified_delay or np.nan) - extra
         if effect["name"] == "torque_delay" and abs(away - size) < 0.3 * size + 2e-4:
-            found.add(i)  # corrected, and told, before the search
+            found.append(effect)  # corrected, and told, before the search
+    rest = [effect["name"] for effect in hidden if effect not in found]
     ambiguous = facts["verdict"] == "ambiguous"
     groups = {name for group in facts["alternatives"] for name in group}
     groups |= {one["effect"] for one in told if ambiguous}
-    rest = [effect["name"] for i, effect in enumerate(hidden) if i not in found]
-    quiet = facts["verdict"] in ("nothing_missing", "nothing_changed")
     only_old = facts["question"] == "numbers" and len(told) < len(facts["named"])
+    quiet = facts["verdict"] in ("nothing_missing", "nothing_changed")
     quiet |= truth["set"] == "changed" and only_old
     if ambiguous and hidden and all(any(name in each for each in groups) for name in rest):
         kind = "ambiguous"
@@ -1018,8 +1010,7 @@ def judge(truth, facts, identified_delay):
         kind = "part" if rest else "exact"
     else:
         kind = "nothing" if quiet else "something"
-    wrong = [f"{one['effect']}@{one['joints']}" for one in wrong]
-    return {"kind": kind, "wrong": wrong, "sizes": sizes, "found": sorted(found)}
+    return {"kind": kind, "wrong": wrong, "sizes": sizes}
 
 
 def run_case(folder, truth):

@@ -2,21 +2,17 @@
 
     python benchmarks/judgement.py --out judgement.json [--cases 200] [--seed 1] [--minutes 60]
     python benchmarks/judgement.py --kind lights --out lights.json --cases 600         without gap, for the lights
-    python benchmarks/judgement.py --kind recordings --out recordings.json [--data ../shared/data]
 
 Random situations: an arm, lengths and noise of its logs, something hidden in them or a mistake, a motion again or another.
 Each goes through identify, validate, gap and report; ``contradictions`` reads their JSON. The lights are compared with
-the error on one more motion that nothing has seen, and with the noise that was put in. Of recordings a part is fitted, a
-part is replayed, and a third one tells whether the lights were right.
+the error on one more motion that nothing has seen, and with the noise that was put in.
 """
 
 import argparse
-import itertools
 import math
 import tempfile
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +33,6 @@ from dynid.workflows.model import base_model
 from dynid.workflows.report import report
 from dynid.workflows.simulate import simulate
 from dynid.workflows.validate import validate
-from real_arms import pairs, part
 
 #: Arms, and what may be hidden at a joint: an effect of the catalogue with its numbers by the torque of the joint.
 ARMS = ("scara", "ur5e", "kuka_lwr4plus")
@@ -287,57 +282,6 @@ def true_floor(case, result, unseen):
     return np.sqrt(np.sum(stack.factors[:, :, -1] ** 2, axis=1) / np.maximum(1, stack.counts))
 
 
-# ---------------------------------------------------------------- recordings
-def recordings(data):
-    """Yield name, arm, fitted, replayed and judging logs of recordings of real arms."""
-    whole = {}
-    for pair in pairs(data):
-        fitted = [(f"fitted {k}", log) for k, log in enumerate(pair.fitted)]
-        for name, log in (*fitted, *pair.unseen):
-            if pair.name.startswith(("LWR4+", "AIRBOT", "Shanghai", "arm")) or len(fitted) > 1:
-                whole[log.sha256 or f"{pair.name} {name}"] = (pair.robot, log)
-        for name, log in pair.unseen:
-            for k, halves in enumerate(itertools.permutations(cut(log, 2))):
-                title = f"{pair.name} -> {name}, half {k + 1}"
-                yield title, pair.robot, pair.fitted, *halves
-    for key, (robot, log) in whole.items():
-        cuts = cut(log, 4)
-        for first, second, *rest in itertools.permutations(range(4)):
-            if first < second:
-                numbers = f"{first + 1} {second + 1} -> {rest[0] + 1} {rest[1] + 1}"
-                title = f"{robot.name} {key[:8]}, quarters {numbers}"
-                yield title, robot, (cuts[first], cuts[second]), *(cuts[k] for k in rest)
-
-
-def cut(log, count):
-    """Return parts of a log of one length."""
-    seconds = float(log.t[-1] - log.t[0]) / count
-    ends = [*(k * seconds for k in range(count)), 1e9 if count == 2 else count * seconds]
-    return [part(log, *each) for each in itertools.pairwise(ends)]
-
-
-def run_recording(name, robot, fitted, replay, judging):
-    """Return the evidence of a part of recordings, and how far another part is from its noise."""
-    begun, row = time.time(), {"name": name, "contradictions": []}
-    try:
-        result = identify(robot, fitted, anyway=True, drop_weak=True)
-        found, truth = validate(result, replay), validate(result, judging)
-    except DynidError as error:
-        return row | {"refused": error.code}
-    joints = found.evidence.joints
-    times = [
-        error / max(joint.noise, 1e-12)
-        for error, joint in zip(truth.seen.rms, joints, strict=True)
-        if joint.noise is not None
-    ]
-    return row | {
-        "states": {"validate": found.facts()["judgement"]["state"]},
-        "unseen_over_noise": max(times, default=math.nan),
-        "percent": truth.relative_error_percent,
-        "seconds_taken": time.time() - begun,
-    }
-
-
 # ---------------------------------------------------------------- rates
 def calibration(rows, stage=None):
     """Return how often good and bad are right: "good" promises each joint within twice its noise.
@@ -380,28 +324,20 @@ def table(rows):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("judgement.json"))
-    kinds = "situations", "lights", "recordings"
-    parser.add_argument("--kind", choices=kinds, default="situations")
-    parser.add_argument("--data", type=Path, default=study.DATA)
+    parser.add_argument("--kind", choices=("situations", "lights"), default="situations")
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=60.0)
     given = parser.parse_args()
     answers, end = study.Answers(given.out), time.time() + 60 * given.minutes
-    if given.kind == "recordings":
-        work = ((each[0], partial(run_recording, *each)) for each in recordings(given.data))
-    else:
-        searched = given.kind == "situations"
-        make = case_of if searched else light_case_of
-        seeds = range(1000 * given.seed, 1000 * given.seed + given.cases)
-        work = ((str(seed), partial(run, make(seed), searched)) for seed in seeds)
-    for name, task in work:
-        if name not in answers and time.time() < end:
-            row = task()
-            answers.keep(name, row)
+    searched = given.kind == "situations"
+    make, first = case_of if searched else light_case_of, 1000 * given.seed
+    for seed in range(first, first + given.cases):
+        if str(seed) not in answers and time.time() < end:
+            row = run(make(seed), searched)
+            answers.keep(str(seed), row)
             state = list(row["states"].values())[-1] if "states" in row else row["refused"]
-            what = (row.get("arm", ""), row.get("hidden", ""), state, row["contradictions"])
-            print(name, *what, flush=True)
+            print(seed, row["arm"], row["hidden"], state, row["contradictions"], flush=True)
     print(table(answers.values()))
 
 

@@ -11,7 +11,6 @@ import os
 import select
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -84,14 +83,11 @@ class Command:
 
     def __init__(self, place, words, folder, env, streams):
         self.words = ["dynid", *map(str, words)]
-        text = json.dumps(
-            {"words": self.words[1:], "folder": os.fspath(folder), "env": env}
-        ).encode()
-        self.connection = socket.socket(socket.AF_UNIX)
+        request = {"words": self.words[1:], "folder": os.fspath(folder), "env": env}
+        self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.connection.connect(place)
-        socket.send_fds(self.connection, [struct.pack("!I", len(text))], streams)
-        self.connection.sendall(text)
-        (self.pid,) = struct.unpack("!i", _received(self.connection, 4))
+        socket.send_fds(self.connection, [json.dumps(request).encode()], streams)
+        self.pid = int(self.connection.recv(64))
 
     def ended(self):
         """Whether ``wait`` would return at once, or has returned."""
@@ -106,20 +102,10 @@ class Command:
         with self.connection:
             self.connection.settimeout(seconds)
             try:
-                return struct.unpack("!i", _received(self.connection, 4))[0]
+                return int(self.connection.recv(64))
             except TimeoutError:
                 os.kill(self.pid, signal.SIGKILL)
                 raise subprocess.TimeoutExpired(self.words, seconds) from None
-
-
-def _received(connection, size):
-    found = b""
-    while len(found) < size:
-        more = connection.recv(size - len(found))
-        if not more:
-            raise ConnectionError("the server of commands has ended")
-        found += more
-    return found
 
 
 # ---------------------------------------------------------------- the server
@@ -169,7 +155,7 @@ def serve(place, ros):
     derive("kuka_lwr4plus", "kinova_gen2")
     load(ros)
     gc.freeze()
-    listener = socket.socket(socket.AF_UNIX)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     listener.bind(place)
     listener.listen(64)
     ended, told = os.pipe()
@@ -187,17 +173,16 @@ def serve(place, ros):
             _reap(running)
         if listener in ready:
             connection, _ = listener.accept()
-            size, streams, _, _ = socket.recv_fds(connection, 4, 3)
-            request = json.loads(_received(connection, struct.unpack("!I", size)[0]))
+            request, streams, _, _ = socket.recv_fds(connection, 1 << 20, 3)
             child = os.fork()
             if not child:
                 for each in (listener, connection, *running.values()):
                     each.close()
-                become(request, streams)
+                become(json.loads(request), streams)
             for number in streams:
                 os.close(number)
             running[child] = connection
-            _sent(connection, child)
+            send(connection, child)
 
 
 def _reap(running):
@@ -205,12 +190,12 @@ def _reap(running):
         found, how = os.waitpid(child, os.WNOHANG)
         if found:
             with running.pop(child) as connection:
-                _sent(connection, os.waitstatus_to_exitcode(how))
+                send(connection, os.waitstatus_to_exitcode(how))
 
 
-def _sent(connection, number):
+def send(connection, number):
     with suppress(OSError):  # whoever wanted it has given up
-        connection.sendall(struct.pack("!i", number))
+        connection.send(str(number).encode())
 
 
 def become(request, streams):

@@ -1,5 +1,6 @@
 """Broken files of every kind: what reads them answers in whole, or raises a mistake and writes nothing."""
 
+import re
 import shutil
 import warnings
 
@@ -80,15 +81,11 @@ def broken_text(draw, text):
     """Return a text with one to three lines or values changed."""
     lines = text.splitlines()
     for _ in range(draw(st.integers(1, 3))):
-        k = draw(st.integers(0, len(lines) - 1))
-        odd = draw(st.sampled_from(ODD))
-        words = lines[k].replace(",", " , ").replace(":", " : ").split(" ")
+        k, odd = draw(st.integers(0, len(lines) - 1)), draw(st.sampled_from(ODD))
+        words = re.split("([ ,:])", lines[k])
         words[draw(st.integers(0, len(words) - 1))] = odd
-        lines[k : k + 1] = draw(
-            st.sampled_from(
-                [["".join(words)], [" ".join(words)], [], [lines[k]] * 2, [" " + lines[k]], [odd]]
-            )
-        )
+        new = ["".join(words)], [], [lines[k]] * 2, [f" {lines[k]}"], [odd]
+        lines[k : k + 1] = draw(st.sampled_from(new))
         lines = lines or [""]
     return "\n".join(lines)
 
@@ -101,19 +98,9 @@ def broken_bytes(draw, data):
         # The begin and the end hold headers and indices.
         near = st.integers(0, min(400, len(data)))
         at = draw(st.one_of(st.integers(0, len(data)), near, near.map(lambda k: len(data) - k)))
-        few = draw(st.integers(1, 64))
-        new = draw(
-            st.sampled_from(
-                [
-                    b"",
-                    bytes(few),
-                    b"\xff" * few,
-                    data[at : at + few] * 2,
-                    draw(st.binary(max_size=16)),
-                ]
-            )
-        )
-        data[at : at + few] = new
+        few, random = draw(st.integers(1, 64)), draw(st.binary(max_size=16))
+        new = b"", bytes(few), b"\xff" * few, data[at : at + few] * 2, random
+        data[at : at + few] = draw(st.sampled_from(new))
     if draw(st.integers(0, 3)) == 0:
         del data[draw(st.integers(0, len(data))) :]
     return bytes(data)

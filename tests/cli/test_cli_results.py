@@ -4,8 +4,6 @@ import csv
 import html
 import json
 import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
@@ -13,7 +11,6 @@ import numpy as np
 import pytest
 
 from dynid.loading import load_run
-from dynid.workflows.model import base_model_of
 from runner import ROOT, rows
 
 IDENTIFY = ROOT / "trajectories" / "lwr4plus_identify.bag"
@@ -59,21 +56,11 @@ def test_every_format_gives_the_torques_of_the_result_and_impossible_bodies_are_
             assert check["largest_difference_nm"] < (1e-10 if name in ("c", "python") else 1e-6)
     assert found["c"][0]["states"] == 1000
     assert set(answer["origin"].values()) == {"data", "prior"}
-    folder = story.folder / "all"
-    suffixes = [".c", ".m", ".py", ".urdf", ".xml", ".yaml"]
-    assert {path.name for path in folder.iterdir()} == {
-        "effects.py",
-        *(f"kuka_lwr4plus{suffix}" for suffix in suffixes),
-    }
-    script = "import kuka_lwr4plus as arm; print(*arm.inverse_dynamics([0.3]*7, [0.2]*7, [0.1]*7).tolist())"
-    words = [sys.executable, "-c", script]
-    alone = subprocess.run(words, cwd=folder, capture_output=True, text=True)
-    stored = load_run(story.folder / "out/arm")
-    observer = base_model_of(stored).model.observer(stored.reduction.base)
-    state = (np.full((1, 7), value) for value in (0.3, 0.2, 0.1))
-    expected = observer.torque(stored.theta, *state)[0]
-    np.testing.assert_allclose([float(word) for word in alone.stdout.split()], expected, atol=1e-10)
+    names = {path.name for path in (story.folder / "all").iterdir()}
+    suffixes = (".c", ".m", ".py", ".urdf", ".xml", ".yaml")
+    assert names == {"effects.py", *(f"kuka_lwr4plus{suffix}" for suffix in suffixes)}
 
+    stored = load_run(story.folder / "out/arm")
     opposite = replace(stored.fit, theta=stored.plain - 3 * np.abs(stored.plain))
     (story.folder / "out/bad").mkdir()
     replace(stored, fit=opposite).save(story.folder / "out/bad/parameters.npz")

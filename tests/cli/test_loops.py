@@ -274,12 +274,20 @@ def whole(folder):
     return names
 
 
-def ended_at_random(arm, line, number, count):
-    """Yield runs that a signal reaches at a random moment: their status, and what they said last."""
-    generator, began = random.Random(5), time.monotonic()
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_run_ended_at_any_moment_leaves_only_whole_files(arm, number):
+    """A run on a log of ten minutes. Ctrl-C leaves no temporary file either, and ends it with 130.
+
+    It works for less than a second of processor time after the signal, however busy the machine is.
+    """
+    del arm.env["DYNID_IDENTIFY_REPORT"]
+    twolink.write_log(arm.folder / "long.csv", seed=3, seconds=600.0)
+    line = "parameters arm.yaml long.csv --identify --force"
+    generator, began, stopped = random.Random(5), time.monotonic(), 0
     assert arm(line).good
     longest = 0.9 * (time.monotonic() - began)
-    for _ in range(count):
+    for _ in range(5):
         shutil.rmtree(arm.folder / "out", ignore_errors=True)
         process = arm.start(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         time.sleep(generator.uniform(0.3, 1.0) * longest)
@@ -288,38 +296,18 @@ def ended_at_random(arm, line, number, count):
         process.send_signal(number)
         _, err = process.communicate(timeout=30)
         whole(arm.folder)
-        yield process.returncode, err, sum(os.times()[2:4]) - before
-
-
-@pytest.mark.slow
-def test_a_run_killed_at_any_moment_leaves_only_whole_files(arm):
-    del arm.env["DYNID_IDENTIFY_REPORT"]
-    line = "parameters arm.yaml log.csv --identify --force"
-    assert list(ended_at_random(arm, line, signal.SIGKILL, 6))
+        # Why minus: Python may end itself by the signal that was handled, which a shell calls 130.
+        assert process.returncode in (0, 130, -number)
+        stopped += process.returncode != 0
+        if number == signal.SIGINT:
+            assert not [path for path in arm.folder.rglob(".*") if path.is_file()]
+            assert b"Traceback" not in err
+            if process.returncode:
+                assert sum(os.times()[2:4]) - before < 1.0
+                assert err.splitlines()[-1] == b"interrupted"
+    assert stopped
     assert arm(line).good
     assert "parameters.npz" in whole(arm.folder)
-
-
-@pytest.mark.slow
-def test_ctrl_c_at_any_moment_ends_with_130_and_works_no_longer(arm):
-    """A run on a log of ten minutes; what is left holds no half-written and no temporary file.
-
-    It works for less than a second of processor time after the signal, however busy the machine is.
-    """
-    del arm.env["DYNID_IDENTIFY_REPORT"]
-    twolink.write_log(arm.folder / "long.csv", seed=3, seconds=600.0)
-    stopped = 0
-    line = "parameters arm.yaml long.csv --identify --force"
-    for status, err, worked in ended_at_random(arm, line, signal.SIGINT, 5):
-        # Why minus: Python may end itself by the signal that was handled, which a shell calls 130.
-        assert status in (0, 130, -signal.SIGINT)
-        if status:
-            stopped += 1
-            assert worked < 1.0
-            assert err.splitlines()[-1] == b"interrupted"
-            assert b"Traceback" not in err
-        assert not [path for path in arm.folder.rglob(".*") if path.is_file()]
-    assert stopped
 
 
 def without_privileges():

@@ -1,7 +1,7 @@
 """What scripts rely on: commands, options, exit statuses, error codes, JSON keys, names and keys of files.
 
 contract.json holds what they were when the contract was frozen. More may come; what is there stays. Where the contract
-itself shall change, ``python tests/contract/freeze.py`` writes it anew, and the difference is read line by line.
+itself shall change, ``frozen.py`` writes it anew, and the difference is read line by line.
 """
 
 import json
@@ -39,7 +39,7 @@ SLOW = {"searches", "more of identify", "motions", "a list and the rest", "a hid
 )
 def test_commands_answer_as_they_did_when_the_contract_was_frozen(name, tmp_path):
     frozen, now = FROZEN["situations"][name], chapter(name, tmp_path / "chapter")
-    assert list(frozen) == list(now), "the table does not hold these command lines: run freeze.py"
+    assert list(frozen) == list(now), "the table does not hold these command lines: run frozen.py"
     assert not [
         f"dynid {line}: {text}" for line in frozen for text in differences(frozen[line], now[line])
     ]

@@ -9,6 +9,7 @@ from lab import ACTION, KINOVA, LWR, UR
 
 from dynid.files.bags import list_topics
 from dynid.files.logs import read_topics
+from runner import rows
 
 PRESS = "use the physical stop button now"
 #: How each arm is stopped; the third one by a goal that is cancelled.
@@ -26,21 +27,16 @@ def sent_as(robot):
 
 @pytest.mark.parametrize(
     ("robot", "fault", "code", "said"),
-    [
-        (KINOVA, "deaf@1", "E504", "Arm stopped"),
-        (LWR, "deaf@1", "E504", "emergency_stop is pressed"),
-        (KINOVA, "torque@1", "E508", "Arm stopped"),
-        (KINOVA, "silent@1", "E506", "Arm stopped"),
-        (LWR, "dies@1", "E506", PRESS),
-        (UR, "deaf@0.5", "E504", "goal preempted"),
-        (UR, "silent@0.5", "E506", "goal preempted"),
-        (
-            UR,
-            "gives-up@0.5",
-            "E509",
-            "the controller says that the motion is aborted: a joint left its path",
-        ),
-    ],
+    rows("""
+        kinova_gen2   | deaf@1       | E504 | Arm stopped
+        kuka_lwr4plus | deaf@1       | E504 | emergency_stop is pressed
+        kinova_gen2   | torque@1     | E508 | Arm stopped
+        kinova_gen2   | silent@1     | E506 | Arm stopped
+        kuka_lwr4plus | dies@1       | E506 | use the physical stop button now
+        ur10          | deaf@0.5     | E504 | goal preempted
+        ur10          | silent@0.5   | E506 | goal preempted
+        ur10          | gives-up@0.5 | E509 | the controller says that the motion is aborted: a joint left its path
+    """),
 )
 def test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log(lab, robot, fault, code, said):
     driver, trajectory = lab.ready(robot, 4.0, fault)

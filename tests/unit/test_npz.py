@@ -92,13 +92,6 @@ def test_damaged_and_alien_files_are_answered_by_a_value_error(tmp_path):
         path.write_bytes(content)
         with pytest.raises(ValueError):
             read_npz(path)
-    for _ in range(200):
-        content = bytearray(whole)
-        for place in random.integers(0, len(content), 3):
-            content[place] = random.integers(256)
-        path.write_bytes(content)
-        with suppress(OSError, ValueError, TooLarge):
-            read_npz(path)
 
 
 def test_an_array_that_unpacks_like_a_bomb_is_refused(tmp_path):

@@ -220,7 +220,7 @@ FINDINGS_WORDED = 3
 
 # ---------------------------------------------------------------- comparison of results
 #: Chance of naming any parameter when none has changed.
-#: evidence: tests/unit/estimation/test_compare.py counts its false alarms.
+#: evidence: tests/unit/estimation/test_result.py counts its false alarms.
 CHANGE_FALSE_ALARM = 0.01
 #: A parameter's change is measured against its value, or against this many standard errors where that is more:
 #: a parameter that is known to 10 % or better is measured against itself. evidence: none yet.

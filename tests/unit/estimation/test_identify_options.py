@@ -1,5 +1,6 @@
 """What identify is told besides its log, through the command line: bodies, a load for currents, an earlier result."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,13 @@ import pytest
 from loaded_arm import LOAD, PLANT, ROBOT, recorded
 from test_loads import GAINS
 
+import dynid
 from dynid import Identification
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import parse_robot
 from dynid.model.attached import attached
+from dynid.robot import Coulomb
+from dynid.sim.sines import SineSpec, sines
 from dynid.sim.urdf import urdf_text
 
 slow = pytest.mark.slow
@@ -148,3 +152,36 @@ def test_an_updated_result_may_take_the_place_of_the_old_one_but_the_same_log_is
     assert shop(f"identify kuka_lwr4plus one.npz {again}").status == 2
     updated(shop, "two.npz -o place --update place/parameters.npz")
     assert len(Identification.load(shop.folder / "place/parameters.npz").log_sha256) == 2
+
+
+# ---------------------------------------------------------------- the width of the Coulomb step
+def logs_of(width):
+    """Two motions of a SCARA whose friction turns within a width [rad/s or m/s]."""
+    arm = dynid.load_robot("scara")
+    turns = replace(arm, coulomb=Coulomb("smooth", (width,) * arm.n))
+    motions = [
+        sines(arm, SineSpec(15.0, 3.0, 0.8, 0.9, 0.9, -np.inf), 0.002, np.random.default_rng(k))
+        for k in (1, 2)
+    ]
+    return arm, turns, [dynid.simulate(turns, m, seed=k).log for k, m in enumerate(motions)]
+
+
+def test_the_width_lies_in_its_interval_and_predicts_as_the_true_one(tmp_path):
+    arm, turns, (log, unseen) = logs_of(0.003)
+    result = dynid.identify(arm, log)
+    found = result.robot.coulomb_shape
+    for j in (0, 1, 3):
+        low, high = found.interval[j]
+        assert 0.8 * low < 0.003 < 1.2 * high
+    assert result.robot.model_key == arm.model_key
+    both = [dynid.validate(each, unseen) for each in (result, dynid.identify(turns, log))]
+    assert both[0].relative_error_percent < 1.1 * both[1].relative_error_percent
+    result.save(tmp_path / "parameters.npz")
+    assert dynid.load(tmp_path).robot.coulomb_shape == found
+
+
+def test_a_width_of_the_file_stays_and_so_does_the_usual_one_where_logs_do_not_contradict_it():
+    arm, turns, (log, _) = logs_of(0.01)
+    assert dynid.identify(turns, log).robot.coulomb_shape == turns.coulomb
+    velocity = np.array(dynid.identify(arm, log).robot.coulomb_shape.velocity)
+    assert np.abs(np.log(velocity[[0, 1, 3]] / 0.01)).max() < 0.2

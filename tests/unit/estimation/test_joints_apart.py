@@ -25,6 +25,12 @@ def logs():
     return [recorded(seed, seconds=12.0) for seed in (3, 4)]
 
 
+@pytest.fixture(scope="module")
+def reversed_(logs):
+    """The result of a log with a joint whose torque has the wrong sign."""
+    return identify(ROBOT, spoilt(logs[0], -1.0), holdout=None)
+
+
 def shares(found):
     return np.array([joint.relative_percent for joint in found.joints]) / 100
 
@@ -63,9 +69,8 @@ def test_joints_with_wrong_or_missing_torques_spoil_no_other(logs, good, change,
     assert np.linalg.norm(np.delete(bad, joints)) < 1.1 * np.linalg.norm(np.delete(good, joints))
 
 
-def test_draws_of_a_joint_apart_are_those_of_its_own_parameters(logs):
-    log, other = logs
-    result = identify(ROBOT, spoilt(log, -1.0), holdout=None)
+def test_draws_of_a_joint_apart_are_those_of_its_own_parameters(logs, reversed_):
+    result, other = reversed_, logs[1]
     assert result.model_error.joints_apart.tolist() == [BAD]
     qd = np.gradient(other.q, other.t, axis=0)
     qdd = np.gradient(qd, other.t, axis=0)
@@ -76,9 +81,8 @@ def test_draws_of_a_joint_apart_are_those_of_its_own_parameters(logs):
     assert np.sqrt(np.mean((torques - measured) ** 2)) < 0.25 * np.std(measured)
 
 
-def test_a_reversed_joint_is_named_and_predicted_by_parameters_of_its_own(logs):
-    log, other = logs
-    result = identify(ROBOT, spoilt(log, -1.0), holdout=None)
+def test_a_reversed_joint_is_named_and_predicted_by_parameters_of_its_own(logs, reversed_):
+    result, other = reversed_, logs[1]
     (finding,) = [finding for finding in result.findings if finding.code == "W413"]
     assert finding.evidence["joints"] == [ROBOT.joint_names[BAD]]
     assert finding.evidence["scales"][ROBOT.joint_names[BAD]] == pytest.approx(-1.0, abs=0.05)
@@ -93,9 +97,8 @@ def test_joints_that_agree_are_not_set_apart(logs):
     assert result.model_error is None or not len(result.model_error.joints_apart)
 
 
-def test_a_result_with_a_joint_apart_predicts_the_same_from_its_file(logs, tmp_path):
-    log, _ = logs
-    result = identify(ROBOT, spoilt(log, -1.0), holdout=None)
+def test_a_result_with_a_joint_apart_predicts_the_same_from_its_file(reversed_, tmp_path):
+    result = reversed_
     again = load(result.save(tmp_path / "parameters.npz"))
     rng = np.random.default_rng(0)
     states = rng.uniform(-1.0, 1.0, (3, 7, ROBOT.n))

@@ -80,9 +80,9 @@ def test_an_impossible_prior_is_named(arm):
         feasible_start(make_constraints(arm.constraints.parameters, prior))
 
 
-def heldout(arm, x):
+def misses(arm, x, move=None):
     """Torque error on another, fast motion [%]."""
-    W = arm.regressor(*arm.motion(300, seed=5))
+    W = arm.regressor(*(move or arm.motion)(300, seed=5))
     return 100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth)
 
 
@@ -96,11 +96,11 @@ def shortest(R, r):
 
 def medians(arm, noise, *fits, seeds=16, move=None):
     """Torque errors on another motion of fits to poor data, (fits,) [%]."""
-    W, errors = arm.regressor(*(move or arm.motion)(300, seed=5)), []
+    errors = []
     for seed in range(1, 1 + seeds):
         R, r = arm.whitened(300, 0.2, noise, seed=seed, motion=move or arm.motion)
-        errors.append([np.linalg.norm(W @ (fit(R, r) - arm.truth)) for fit in fits])
-    return 100 * np.median(errors, axis=0) / np.linalg.norm(W @ arm.truth)
+        errors.append([misses(arm, fit(R, r), move) for fit in fits])
+    return np.median(errors, axis=0)
 
 
 def test_poor_data_are_rescued_by_the_prior(arm):
@@ -185,7 +185,8 @@ def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm)
 def test_good_data_override_the_pooling(arm):
     R, r = arm.whitened(5000)
     fits = fit_physical(R, r, arm.constraints).x, pooled(arm.constraints)(R, r)
-    assert abs(np.subtract(*(heldout(arm, x) for x in fits))) < 0.05
+    one, other = (misses(arm, x) for x in fits)
+    assert abs(one - other) < 0.05
 
 
 def test_a_joint_that_moves_one_way_only_has_friction_of_the_size_of_the_others():
