@@ -18,21 +18,15 @@ from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.model.base_model import BaseModel
-from dynid.model.program import ADD, MUL, NEG, SUB, Program, bound, input_of
+from dynid.model.printing import number, statements
 from dynid.model.regressor import Model, prior_vector
 from dynid.robot import Robot
 
 #: Returns the torques of positions, velocities and accelerations of all joints.
 OneState = Callable[[list[float], list[float], list[float]], list[float]]
-_SIGN = {ADD: "+", SUB: "-", MUL: "*"}
 
 
 # ---------------------------------------------------------------- spelling
-def number(value: float) -> str:
-    """Return a number with all its digits, in brackets where it is negative."""
-    return repr(float(value)) if value >= 0 else f"({float(value)!r})"
-
-
 def coulomb(robot: Robot, joint: int, speed: str) -> str:
     """Return the Coulomb sign of a joint, 0-based, as an expression."""
     shape = robot.coulomb_shape
@@ -40,25 +34,6 @@ def coulomb(robot: Robot, joint: int, speed: str) -> str:
     if shape.shape == "smooth":
         return f"tanh({speed} / {limit})"
     return f"(abs({speed}) >= {limit}) * sign({speed})"
-
-
-def statements(program: Program, robot: Robot) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return variables with their values, in order, and the text of each slot of a program."""
-    known, inputs, steps = bound(program, robot)
-    text = ["" if value is None else number(value) for value in known]
-    variables = []
-    for slot, name in inputs:
-        text[slot] = name
-        kind, joint = input_of(name)
-        offset = robot.joints[joint].theta_offset
-        angle = f"q[{joint}]" + (f" + {number(offset)}" if offset else "")
-        function = {"c": "cos", "s": "sin"}.get(kind)
-        variables.append((name, f"{function}({angle})" if function else f"{kind}[{joint}]"))
-    for op, a, b, out in steps:
-        value = f"-{text[a]}" if op == NEG else f"{text[a]} {_SIGN[op]} {text[b]}"
-        text[out] = f"t{out}"
-        variables.append((text[out], value))
-    return variables, text
 
 
 def shape_texts(joint: int, speed: float, sign: str, load: str) -> list[str]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.estimation.one_state import coulomb, number, shape_texts, statements
+from dynid.estimation.one_state import coulomb, shape_texts
 from dynid.estimation.residual_model import ModelError
 from dynid.exporters.formulas import (
     columns_of,
@@ -32,6 +32,7 @@ from dynid.exporters.formulas import (
 from dynid.exporters.full_model import numbers
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded, with_effects
 from dynid.model.parameters import Parameter
+from dynid.model.printing import number, statements
 from dynid.robot import LINK_PARAMETERS, Robot
 from dynid.text import code, identifier, xml, xml_comment
 

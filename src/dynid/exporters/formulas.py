@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dynid.estimation.one_state import coulomb, number
+from dynid.estimation.one_state import coulomb
 from dynid.model.effects.catalogue import CATALOGUE, Added
 from dynid.model.effects.expression import Node
+from dynid.model.printing import number
 from dynid.robot import Robot
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dynid.model.kinematics import geometry
 from dynid.model.parameters import link_parameters
-from dynid.model.program import ADD, MUL, NEG, SUB, input_of
+from dynid.model.program import ADD, MUL, NEG, SUB, Program, bound, input_of
 from dynid.model.regressor import Model
+from dynid.robot import Robot
 from dynid.text import code
 
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
@@ -13,33 +13,46 @@ _LATEX = {"qd": r"\dot{q}", "qdd": r"\ddot{q}", "c": r"\cos\theta", "s": r"\sin\
 _LATEX |= {"ca": r"\cos\alpha", "sa": r"\sin\alpha"}
 
 
+def number(value: float) -> str:
+    """Return a number with all its digits, in brackets where it is negative."""
+    return repr(float(value)) if value >= 0 else f"({float(value)!r})"
+
+
+def statements(program: Program, robot: Robot) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return variables with their values, in order, and the text of each slot of a program."""
+    known, inputs, steps = bound(program, robot)
+    text = ["" if value is None else number(value) for value in known]
+    variables = []
+    for slot, name in inputs:
+        text[slot] = name
+        kind, joint = input_of(name)
+        offset = robot.joints[joint].theta_offset
+        angle = f"q[{joint}]" + (f" + {number(offset)}" if offset else "")
+        function = {"c": "cos", "s": "sin"}.get(kind)
+        variables.append((name, f"{function}({angle})" if function else f"{kind}[{joint}]"))
+    for op, a, b, out in steps:
+        value = f"-{text[a]}" if op == NEG else f"{text[a]} {_SIGN[op]} {text[b]}"
+        text[out] = f"t{out}"
+        variables.append((text[out], value))
+    return variables, text
+
+
 def as_python(model: Model) -> str:
     """Return the text of a NumPy function for the rigid-body regressor."""
     program, robot = model.rigid, model.robot
-    name = [*program.inputs, *(f"t{k}" for k in range(program.flops))]
-    fixed = geometry(robot)
+    variables, text = statements(program, robot)
+    entries = zip(program.rows, program.cols, program.outputs, strict=True)
     lines = [
         f"# Regressor of {code(robot.name)}: tau = P(q, qd, qdd) gamma.",
         "# Columns: m mcx mcy mcz Ixx Ixy Ixz Iyy Iyz Izz Im of link 1, then of link 2, and so on.",
         "import numpy as np",
+        "from numpy import cos, sin",
         "",
         "def regressor(q, qd, qdd):",
-        f"    P = np.zeros(({program.shape[0]}, {program.shape[1]}) + np.shape(q[0]))",
+        f"    P = np.zeros({program.shape} + np.shape(q[0]))",
+        *(f"    {name} = {value}" for name, value in variables),
+        *(f"    P[{row}, {col}] = {text[slot]}" for row, col, slot in entries),
     ]
-    for entry in program.inputs:
-        if entry in fixed:
-            lines.append(f"    {entry} = {fixed[entry]!r}")
-            continue
-        kind, i = input_of(entry)
-        offset = robot.joints[i].theta_offset
-        angle = f"q[{i}]" if not offset else f"q[{i}] + {offset!r}"
-        value = {"c": f"np.cos({angle})", "s": f"np.sin({angle})"}.get(kind, f"{kind}[{i}]")
-        lines.append(f"    {entry} = {value}")
-    for k in range(program.flops):
-        op, a, b = int(program.op[k]), name[program.lhs[k]], name[program.rhs[k]]
-        lines.append(f"    t{k} = -{a}" if op == NEG else f"    t{k} = {a} {_SIGN[op]} {b}")
-    for row, col, slot in zip(program.rows, program.cols, program.outputs, strict=True):
-        lines.append(f"    P[{row}, {col}] = {name[slot]}")
     return "\n".join([*lines, "    return P"])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.model.effects.expression import Node, read, value_of
-from dynid.model.effects.motion import ArmMotion, Joints, Shape
+from dynid.model.effects.motion import ArmMotion, Joints, Shape, Shapes
 
 #: Columns of an effect over a motion: (amplitudes, N) on its first joint, or (amplitudes, rows, N).
 Law = Callable[[ArmMotion, Joints, Shape], Floats | list[Floats]]
@@ -75,7 +75,7 @@ class Effect:
     units_of: Callable[[Shape], dict[str, str]] | None = None
     shape_units: Mapping[str, str] = field(default_factory=dict)
     shapes: Sequence[dict[str, float]] = ({},)
-    shapes_of: Callable[[ArmMotion, int], list[dict[str, float]]] | None = None
+    shapes_of: Callable[[ArmMotion, int], Shapes] | None = None
     steps: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     sized: str = ""
     at: float = 0.0
@@ -93,7 +93,7 @@ class Effect:
         """Return the joints whose torque it changes."""
         return joints[:1] if joints and not self.spreads else tuple(range(n))
 
-    def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
+    def grid(self, motion: ArmMotion, joints: Joints) -> Shapes:
         """Return the shapes that are tried; one empty shape when it is linear."""
         if self.shapes_of is not None:
             return self.shapes_of(motion, joints[0])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Floats
 from dynid.model import tuning
 from dynid.model.effects.friction import sign_of
-from dynid.model.effects.motion import ArmMotion, Joints, Shape
+from dynid.model.effects.motion import ArmMotion, Joints, Shape, Shapes
 from dynid.robot import LINK_PARAMETERS
 
 Ints = NDArray[np.int64]
@@ -28,7 +28,7 @@ def gear_frictions(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -
     return [(wave * sign)[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
 
 
-def gear_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+def gear_shapes(motion: ArmMotion, joint: int) -> Shapes:
     """Return the wave numbers of friction that are tried."""
     return wave_shapes(
         motion, joint, tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE
@@ -64,7 +64,7 @@ def wave_shapes(
     joint: int,
     spacing: float = tuning.WAVE_SPACING_RAD,
     highest: float = tuning.FASTEST_WAVE,
-) -> list[dict[str, float]]:
+) -> Shapes:
     """Return the frequencies of waves over one joint's position that its range separates.
 
     Args:
@@ -115,19 +115,19 @@ def spring_units(shape: Shape) -> dict[str, str]:
     return units | ({"c": "N m"} if shape["constant"] else {})
 
 
-def spring_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+def spring_shapes(motion: ArmMotion, joint: int) -> Shapes:
     """Return the orders that are tried; the constant only where the joint has no offset of its own."""
     constant = 0.0 if "offset" in motion.robot.joints[joint].friction else 1.0
     return [{"order": order, "constant": constant} for order in (1.0, 3.0)]
 
 
-def end_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+def end_shapes(motion: ArmMotion, joint: int) -> Shapes:
     """Return sides and places of an end stop that are tried."""
     points = np.quantile(motion.q[:, joint], np.linspace(0.15, 0.85, 9))
     return [{"side": side, "q1": float(q1)} for side in (-1.0, 1.0) for q1 in points]
 
 
-def step_times(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+def step_times(motion: ArmMotion, joint: int) -> Shapes:
     """Return the times of a step that are tried."""
     times = np.quantile(motion.t, np.linspace(0.03, 0.97, 40))
     return [{"since": float(t)} for t in times]

@@ -15,6 +15,8 @@ from dynid.robot import Robot
 #: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
 Joints = tuple[int, ...]
 Shape = Mapping[str, float]
+#: Shapes that are tried.
+Shapes = list[dict[str, float]]
 
 
 class ReferenceTorques(Protocol):

@@ -10,9 +10,10 @@ import numpy as np
 from dynid.model.effects import laws
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Effect
+from dynid.model.effects.motion import Shapes
 
 
-def _each(name: str, *values: float) -> list[dict[str, float]]:
+def _each(name: str, *values: float) -> Shapes:
     return [{name: value} for value in values]
 
 
