@@ -131,4 +131,4 @@ def _compared(
         links.append([poses[link] for link in ends])
     there = np.array(mapping.sign) * q + np.array(mapping.offset)
     to_dh = np.linalg.inv(links) @ link_frames(robot, there, world=True).poses
-    return to_dh[0], np.asarray(np.abs(to_dh - to_dh[0]).max(axis=(0, 2, 3)))
+    return to_dh[0], np.abs(to_dh - to_dh[0]).max(axis=(0, 2, 3))
