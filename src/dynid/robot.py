@@ -355,6 +355,11 @@ class Robot(Answered):
         """Which joints turn, (n,)."""
         return np.array([joint.revolute for joint in self.joints])
 
+    @property
+    def world_gravity(self) -> Floats:
+        """Gravity in the world frame, (3,) [m/s^2]."""
+        return np.asarray(rotation_rpy(self.base_rpy) @ np.array(self.gravity))
+
     def travel(
         self, turning: tuple[float, float], sliding: tuple[float, float]
     ) -> tuple[Floats, Floats]:

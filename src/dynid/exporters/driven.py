@@ -18,7 +18,6 @@ from dynid.errors import NotSimulated, PackageMissing
 from dynid.exporters import effects_file, mjcf, urdf
 from dynid.exporters.code import imported
 from dynid.exporters.engines import bullet_body, module, quiet
-from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import IdentifiedArm
 from dynid.sim import tuning
 
@@ -124,7 +123,7 @@ def _pybullet(
     qd: Floats,
 ) -> tuple[Step, Callable[[], None]]:
     """Do the same in PyBullet."""
-    client, body = bullet_body(urdf.text(arm), world_gravity(arm.robot))
+    client, body = bullet_body(urdf.text(arm), arm.robot.world_gravity)
     server = {"physicsClientId": client}
     engine.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, **server)
     for joint in range(-1, engine.getNumJoints(body, **server)):

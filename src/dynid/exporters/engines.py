@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import IdentifiedArm, Loaded, Torques, with_effects
 from dynid.model.regressor import Model
 from dynid.robot import JointMap
@@ -94,7 +93,7 @@ def in_mujoco(
         return None
     with quiet():
         model = engine.MjModel.from_xml_string(text)
-    model.opt.gravity[:] = world_gravity(arm.robot)
+    model.opt.gravity[:] = arm.robot.world_gravity
     model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_CONSTRAINT
     data, joints = engine.MjData(model), [model.joint(name) for name in names]
     places = [joint.qposadr[0] for joint in joints]

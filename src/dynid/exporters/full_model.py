@@ -16,7 +16,7 @@ from dynid.estimation.possible_set import body_parameters, pseudo_inertia, small
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import Added
 from dynid.model.parameters import BODY_PARAMETERS, body_of, prior_bodies
-from dynid.robot import Body, Robot, rotation_rpy
+from dynid.robot import Body, Robot
 
 #: Size of a parameter of a link of a kilogram and a decimetre: what "nearest" is measured in.
 _SIZE = {
@@ -128,11 +128,6 @@ def model_of(
         ten = np.array([values.pop(f"{name}{link}") for name in BODY_PARAMETERS])
         bodies[link - 1] = body_of(lifted(ten))
     return FullModel(robot=robot, bodies=tuple(bodies), drives=values, origin=origin)
-
-
-def world_gravity(robot: Robot) -> Floats:
-    """Return gravity in the world frame, (3,)."""
-    return np.asarray(rotation_rpy(robot.base_rpy) @ np.array(robot.gravity))
 
 
 def numbers(values: object) -> str:

@@ -6,7 +6,6 @@ import numpy as np
 
 from dynid.exporters.code import rendered
 from dynid.exporters.engines import in_mujoco
-from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.model.kinematics import base_pose, fixed_poses
@@ -42,7 +41,7 @@ def text(arm: IdentifiedArm) -> str:
         head=arm.head(str),
         robot=robot,
         full=simulation.full,
-        gravity=world_gravity(robot),
+        gravity=robot.world_gravity,
         links=links,
         radius=cylinders_of(robot).radius,
     )

@@ -14,8 +14,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dynid.errors import (
     DynidError,
     ImplausibleGravity,
@@ -26,7 +24,7 @@ from dynid.errors import (
 from dynid.files import packaged, tuning
 from dynid.files.robotkeys import A_PRIOR, INERTIA, ROBOT, SNAP_STEP, read_joints, unit_of
 from dynid.files.yamlfile import Value, parse_yaml, read_text, read_yaml
-from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
+from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource
 from dynid.text import closest, printable, yaml_text
 
 #: Other usual names of arms, without signs, and the robot file that a person probably means.
@@ -140,7 +138,7 @@ def _check_gravity(value: Value, robot: Robot, mount: str) -> None:
         hint = "; cm?" if 960 <= size <= 990 else "; in g?" if 0.9 <= size <= 1.1 else ""
         shown = ", ".join(f"{g:g}" for g in robot.gravity)
         raise value.wrong(f" is ({shown}): {size:g} m/s^2{hint}", kind=ImplausibleGravity)
-    world = rotation_rpy(robot.base_rpy) @ np.array(robot.gravity)
+    world = robot.world_gravity
     if size and world[2] > 0.5 * size and mount == "floor":
         text = (
             f"{value.where}: gravity points up in the world frame (base.rpy taken into account): "

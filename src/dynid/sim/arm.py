@@ -14,7 +14,7 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import PackageMissing
 from dynid.motion import Motion
-from dynid.robot import Body, Robot, rotation_rpy
+from dynid.robot import Body, Robot
 from dynid.sim import tuning
 from dynid.sim.urdf import urdf_text, without_stops
 
@@ -87,7 +87,7 @@ class SimulatedArm:
             raise PackageMissing(f"MuJoCo refuses the bodies of the arm: {error}") from error
         off, options = mujoco.mjtDisableBit, self._arm.opt
         options.timestep = dt
-        options.gravity = rotation_rpy(robot.base_rpy) @ np.array(robot.gravity)
+        options.gravity = robot.world_gravity
         options.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT
         self._mujoco, self._data = mujoco, mujoco.MjData(self._arm)
         # Why another: questions about other states must not disturb the motion.

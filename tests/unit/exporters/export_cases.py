@@ -14,7 +14,7 @@ from dynid.exporters import FORMATS
 from dynid.exporters.code import imported
 from dynid.exporters.effects_file import EFFECTS, own_values, stepped
 from dynid.exporters.engines import bullet_body, own_torques
-from dynid.exporters.full_model import FullModel, world_gravity
+from dynid.exporters.full_model import FullModel
 from dynid.exporters.interface import IdentifiedArm, Provenance
 from dynid.exporters.simulated import numbers_of
 from dynid.exporters.urdf import joints_of
@@ -155,7 +155,7 @@ def off_in_pinocchio(source, path):
     full = build(str(path))
     others = [i for i, name in enumerate(full.names) if i and name not in names]
     model = pin.buildReducedModel(full, others, pin.neutral(full))
-    model.gravity.linear = world_gravity(source.robot)
+    model.gravity.linear = source.robot.world_gravity
     assert list(model.names)[1:] == list(names)
     sign = np.array(mapping.sign)
     ours = own_torques(source, numbers_of(source, *["Im"] * mjcf))
@@ -166,7 +166,7 @@ def off_in_pinocchio(source, path):
 
 def off_in_pybullet(source, path):
     """Largest difference of all torques on 1000 states [N m or N], of a URDF with its effects.py."""
-    client, body = bullet_body(path.read_text(), world_gravity(source.robot))
+    client, body = bullet_body(path.read_text(), source.robot.world_gravity)
     theirs = stepped(imported(EFFECTS.text(source)).Bullet(body, client))
     states = random_states(source.robot, 1000, 0)
     difference = theirs(*states) - own_torques(source, own_values(source))(*states)

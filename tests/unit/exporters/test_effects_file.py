@@ -9,7 +9,6 @@ from dynid.exporters import FORMATS
 from dynid.exporters.code import imported
 from dynid.exporters.effects_file import EFFECTS
 from dynid.exporters.engines import bullet_body
-from dynid.exporters.full_model import world_gravity
 from dynid.exporters.simulated import simulated
 from dynid.model.effects.catalogue import CATALOGUE
 
@@ -82,7 +81,7 @@ def test_pybullet_moves_as_the_model_says():
     import pybullet
 
     source = shipped("kuka_lwr4plus")
-    client, body = bullet_body(FORMATS["urdf"].text(source), world_gravity(source.robot))
+    client, body = bullet_body(FORMATS["urdf"].text(source), source.robot.world_gravity)
     effects = imported(EFFECTS.text(source)).Bullet(body, client)
     dt, n = 1e-3, source.robot.n
     pybullet.setPhysicsEngineParameter(fixedTimeStep=dt, numSubSteps=0, physicsClientId=client)
