@@ -173,27 +173,6 @@ class _Search:
         unlikely += tuning.OUT_OF_RANGE * min(hypothesis.outside, tuning.MOST_OUTSIDE)
         return tuning.CLEAR * unlikely + self.price * len(hypothesis.edits)
 
-    def has_no_rival(self) -> bool:
-        """Return whether the robot file explains the log well, and all single edits stay behind it."""
-        return self.explains_well and all(
-            self._stays_behind(self.bounds[edits]) for edits in self.more([()])
-        )
-
-    def _stays_behind(self, bound: Hypothesis) -> bool:
-        """Return whether a hypothesis, by what it leaves at least, stays behind the robot file."""
-        as_written = self.as_written
-        # How well torques are known at best and at worst, whatever else is found out. Why the ends: a ratio comes
-        # nearer to one, and never crosses it, as the noise grows.
-        worst = np.hypot(self.noise, usual_error(self.judge.robot, as_written.residual))
-        left, floor = (
-            np.minimum(*(np.log(np.hypot(a, x) / np.hypot(b, x)) for x in (self.noise, worst)))
-            for a, b in (
-                (bound.residual, as_written.residual),
-                (as_written.friction_residual, bound.friction_residual),
-            )
-        )
-        return float(np.mean(left + floor)) + self._cost(bound) > self._cost(as_written)
-
     def ranked(self) -> list[Hypothesis]:
         """Return what was fitted, the best first."""
         return sorted(self.found.values(), key=self.rank)
@@ -247,12 +226,7 @@ def find_mistake(
     if judge is None:
         return None
     search = _Search(judge, names or robot.log_names)
-    as_written, without_say = (
-        search.as_written,
-        tuple(np.flatnonzero(search.judge.without_say).tolist()),
-    )
-    if search.has_no_rival():
-        return Diagnosis(as_written, (as_written,), (), (), False, without_say)
+    as_written, without_say = search.as_written, np.flatnonzero(search.judge.without_say)
     search.widen([()])
     for _ in range(2):
         before = search.ranked()[0]
@@ -262,19 +236,22 @@ def find_mistake(
         if search.ranked()[0] is before:
             break
     best, *others = search.ranked()
-    if best is as_written:
-        return Diagnosis(as_written, (best, *others[:4]), (), (), False, without_say)
-    near = [each for each in others if len(each.edits) <= len(best.edits)]
+    wrong, most = best is not as_written, search.rank(best) + tuning.TIED
+    near = [each for each in others if wrong and len(each.edits) <= len(best.edits)]
     same = [each for each in near if each.alike(best) and search.same(each, best)]
     others = [each for each in others if each not in same]
-    most = search.rank(best) + tuning.TIED
     tied = [
         each
         for each in near
-        if each not in same and each is not as_written and search.rank(each) < most
+        if each in others and each is not as_written and search.rank(each) < most
     ]
     return Diagnosis(
-        as_written, (best, *others[:4]), tuple(same), tuple(tied[:2]), True, without_say
+        as_written=as_written,
+        best=(best, *others[:4]),
+        same=tuple(same),
+        tied=tuple(tied[:2]),
+        wrong=wrong,
+        without_say=tuple(without_say.tolist()),
     )
 
 
