@@ -17,7 +17,6 @@ from .robot import Robot as Robot
 from .trajectory.options import PlanOptions as PlanOptions
 from .version import __version__ as __version__
 from .workflows.compare import compare as compare
-from .workflows.drive_gains import find_drive_gains as find_drive_gains
 from .workflows.export import (
     ExportedModel as ExportedModel,
 )
@@ -61,6 +60,7 @@ from .workflows.options import (
 from .workflows.parameters import (
     Observations as Observations,
 )
+from .workflows.parameters import find_drive_gains as find_drive_gains
 from .workflows.parameters import (
     observe as observe,
 )

@@ -17,11 +17,13 @@ class Entry(NamedTuple):
         loop: heading of the map that it stands under; "" for the line of small commands.
         help: what it does.
         writes: what it writes.
+        module: its module, where that has another name.
     """
 
     loop: str
     help: str
     writes: str = ""
+    module: str = ""
 
 
 COMMANDS: dict[str, Entry] = {
@@ -32,32 +34,40 @@ COMMANDS: dict[str, Entry] = {
         "Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"
     ),
     "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
-    "validate": Entry("Then", "predict a held-out log", "torque error of each joint"),
+    "validate": Entry("Then", "predict a held-out log", "torque error of each joint", "results"),
     "gap": Entry("Then", "find, size and add a missing effect"),
-    "check": Entry("", "look for mistakes in a robot file, a log or a result"),
-    "convert": Entry("", "write a recording as .npz or .csv"),
-    "import": Entry("", "make a robot file from a URDF"),
-    "compare": Entry("", "one table over many results"),
+    "check": Entry("", "look for mistakes in a robot file, a log or a result", "", "files"),
+    "convert": Entry("", "write a recording as .npz or .csv", "", "files"),
+    "import": Entry("", "make a robot file from a URDF", "", "files"),
+    "compare": Entry("", "one table over many results", "", "results"),
     "run": Entry("", "many robots and logs from one list"),
-    "report": Entry("", "rebuild report.html"),
-    "export": Entry("", "write the identified model as URDF, YAML or code"),
+    "report": Entry("", "rebuild report.html", "", "results"),
+    "export": Entry("", "write the identified model as URDF, YAML or code", "", "results"),
     "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
     "simulate": Entry(
-        "", "a log of an arm that follows a motion, with friction, noise and effects; no ROS"
+        "",
+        "a log of an arm that follows a motion, with friction, noise and effects; no ROS",
+        "",
+        "simulated",
     ),
     "sim-driver": Entry(
-        "", "a simulated arm behind its driver's ROS topics, to rehearse a recording"
+        "",
+        "a simulated arm behind its driver's ROS topics, to rehearse a recording",
+        "",
+        "simulated",
     ),
-    "doctor": Entry("", "what works on this machine and what does not"),
-    "explain": Entry("", "what an error or warning code means"),
-    "completion": Entry("", "shell completion for bash, zsh or fish"),
+    "doctor": Entry("", "what works on this machine and what does not", "", "about"),
+    "explain": Entry("", "what an error or warning code means", "", "about"),
+    "completion": Entry("", "shell completion for bash, zsh or fish", "", "about"),
 }
+#: Commands that were imported, by name.
+IMPORTED: dict[str, Any] = {}
 
 
 def command_of(name: str) -> Any:  # noqa: ANN401
-    """Import a command; ``import`` is a word of Python and cannot be the name of its module."""
-    module = "import_urdf" if name == "import" else name.replace("-", "_")
-    return importlib.import_module(f"dynid.cli.{module}").command
+    """Import a command."""
+    importlib.import_module(f"dynid.cli.{COMMANDS[name].module or name}")
+    return IMPORTED[name]
 
 
 def shown(text: str, examples: Sequence[str]) -> str:

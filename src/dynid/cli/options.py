@@ -22,7 +22,7 @@ from click.shell_completion import CompletionItem
 
 import dynid
 from dynid.answer import Answer
-from dynid.cli.commands import COMMANDS, CONTEXT, command_of, shown
+from dynid.cli.commands import COMMANDS, CONTEXT, IMPORTED, command_of, shown
 from dynid.cli.runfile import repeated
 from dynid.cli.session import Session
 from dynid.errors import WrongUsage
@@ -276,7 +276,7 @@ def dynid_command(
     """Make a command of a function that takes the session first and its own options by keyword.
 
     Args:
-        name: name of the command, the same as its module.
+        name: name of the command.
         examples: lines for the help.
         repeatable: whether it has ``--from run.yaml``; such a command calls ``write_run``.
         config: stands in for the common option --config.
@@ -321,6 +321,7 @@ def dynid_command(
         for key, option in keys_of(command).items():
             own = f"DYNID_{name}_{key}".upper().replace("-", "_")
             option.envvar = [own, f"DYNID_{key}".upper()]
+        IMPORTED[name] = command
         return command
 
     return decorate

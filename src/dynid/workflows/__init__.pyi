@@ -1,15 +1,12 @@
 """The modules of the workflows; each is imported when it is first used."""
 
-from . import check as check
 from . import compare as compare
-from . import convert as convert
 from . import demo as demo
 from . import doctor as doctor
-from . import drive_gains as drive_gains
 from . import export as export
+from . import files as files
 from . import gap as gap
 from . import identify as identify
-from . import import_urdf as import_urdf
 from . import model as model
 from . import parameters as parameters
 from . import record as record

@@ -64,21 +64,19 @@ from dynid.runs import RunFolder
 from dynid.signals.columns import take_samples
 from dynid.table import Table
 from dynid.text import yaml_text
-from dynid.workflows.drive_gains import (
-    find_drive_gains,
-    gain_facts,
-    in_amperes,
-    needs_gains,
-    write_robot,
-)
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras, IdentifyOptions
 from dynid.workflows.parameters import (
     Observations,
+    find_drive_gains,
+    gain_facts,
+    in_amperes,
     load_observations,
     log_inputs,
+    needs_gains,
     observe,
     stored_key,
+    write_robot,
 )
 
 if TYPE_CHECKING:

@@ -41,10 +41,10 @@ from dynid.robot import Robot
 from dynid.runs import RunFolder
 from dynid.signals.motion import same_motion
 from dynid.table import Table
-from dynid.workflows.drive_gains import in_amperes
 from dynid.workflows.export import identified_arm
 from dynid.workflows.model import base_model_of
 from dynid.workflows.options import ExportOptions, ValidateOptions
+from dynid.workflows.parameters import in_amperes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,8 +11,7 @@ from dynid.files.convert import write_log
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
 from dynid.signals.columns import take_samples
-from dynid.workflows.check import inspected
-from dynid.workflows.convert import convert
+from dynid.workflows.files import convert, inspected
 from makelogs import lwr, lwr_log
 from recordings import of_ros2, ros2_state, stamps, write_rosbag2
 

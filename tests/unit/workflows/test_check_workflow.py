@@ -8,7 +8,7 @@ import pytest
 from dynid import LogOptions
 from dynid.errors import NotFinite, WrongUsage
 from dynid.loading import checked_log
-from dynid.workflows.check import check
+from dynid.workflows.files import check
 from twolink import log
 
 

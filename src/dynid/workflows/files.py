@@ -1,4 +1,4 @@
-"""Look for mistakes in robot files, results and logs before anything is built on them."""
+"""Files of others: what they hold and what is wrong with it, recordings as .npz or .csv, a robot file from a URDF."""
 
 from __future__ import annotations
 
@@ -12,19 +12,25 @@ import numpy as np
 
 from dynid.answer import Answer, Part, picked
 from dynid.arguments import one_thread
-from dynid.errors import Finding, located
+from dynid.errors import Finding, WrongMessageType, located
 from dynid.files.artifact import kind_of, read_artifact
+from dynid.files.convert import write_log
 from dynid.files.inspect import has_torques, inspect, likely_units
+from dynid.files.robotfile import robot_text
+from dynid.files.urdffile import read_urdf
 from dynid.judgement.rules import Step
 from dynid.loading import checked_log, diagnose_logs, load_robot, read_log
 from dynid.log import Log
 from dynid.model.effects.catalogue import added_effects
+from dynid.model.from_urdf import import_arm
 from dynid.model.kinematics import tool_pose
 from dynid.options import LogOptions
-from dynid.robot import Robot
+from dynid.robot import Robot, roll_pitch_yaw
 from dynid.signals.describe import LogSummary, describe
+from dynid.table import Table
 from dynid.text import shell
 from dynid.units import joint_unit
+from dynid.workflows.options import ConvertOptions, ImportOptions
 
 ROBOT_SUFFIXES = (".yaml", ".yml", ".urdf")
 
@@ -349,3 +355,102 @@ def inspected(path: Path, options: LogOptions) -> Checked:
         "snippet": snippet,
     }
     return Checked(str(path), "log", tuple(lines), facts, contents.findings)
+
+
+def convert(
+    path: Path, target: Path, robot: Robot | None = None, options: ConvertOptions = ConvertOptions()
+) -> Answer:
+    """Write a recording in the format of another file's suffix; every number stays as it was recorded.
+
+    Args:
+        path: the recording.
+        target: the file to write: .npz or .csv.
+        robot: the arm, whose file says which topic and columns; None to take what is there.
+        options: which joint states.
+
+    Raises:
+        DynidError: the recording cannot be read, or the file cannot be written.
+    """
+    if robot is not None:
+        log = read_log(path, robot, LogOptions(topic=options.topic, rate=options.rate))
+        findings = log.findings
+    else:
+        with located(str(path)):
+            contents = inspect(path, options.rate)
+            logs = [log for log in contents.logs if options.topic in (None, log.topic)]
+            if not logs:
+                there = [*map(str, contents.topics.values())] or contents.columns or ["nothing"]
+                what = f"{path} has no topic that dynid can read as joint states; it has {', '.join(there)}"
+                raise WrongMessageType(what, fix="give --robot")
+        log, findings = max(logs, key=len), contents.findings
+    facts = {
+        "schema": "dynid/convert/1",
+        "samples": len(log),
+        "duration_s": log.duration,
+        "joints": list(log.names),
+    }
+    size = f"{len(log)} samples, {log.duration:.1f} s, {log.n} joints"
+    return Answer(facts, parts=(*findings, ("log", size)), wrote=[write_log(log, target)])
+
+
+HEAD = """\
+Made by dynid import from {urdf}, link {base} to {tip}; joint values are the URDF's.
+The frame of {tip} in the last DH frame: xyz {xyz}, rpy {rpy} [m, rad].
+Forward kinematics agree with the URDF to {largest:.1e} m and rad.
+What the effort column of your logs is, a URDF does not say. Write one of these:
+torque: {{source: joint_sensor}}     sensors behind the gears, as on KUKA LWR and iiwa, Franka
+torque: {{source: motor_torque}}     from the motors' currents, in N m, as on UR and most industrial arms
+torque: {{source: motor_current}}    in A, or in a unit that nobody knows (then with relative: true)"""
+
+
+def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> tuple[str, Answer]:
+    """Return the text of the robot file that a chain of a URDF describes, and what is worth knowing about it.
+
+    Args:
+        path: the URDF.
+        options: which chain.
+
+    Raises:
+        WrongUrdf: there is no such chain, or it has joints that a DH table cannot describe.
+    """
+    made = import_arm(
+        read_urdf(path),
+        read_urdf(path, exact=True),
+        **picked(options, "base", "tip", "convention", "name"),
+    )
+    robot, pose = made.robot, made.tip_pose
+    # Position [m] and roll, pitch, yaw [rad] of the tip in the last DH frame, rounding noise taken off.
+    rows = (pose[:3, 3].tolist(), roll_pitch_yaw(pose[:3, :3]))
+    xyz, rpy = ([round(float(value), 12) + 0.0 for value in row] for row in rows)
+    known = picked(made, "base", "tip", "largest")
+    head = HEAD.format(urdf=path.name, xyz=xyz, rpy=rpy, **known)
+    lengths = {"a_m": "a", "twist_rad": "twist", "d_m": "d", "theta_offset_rad": "theta_offset"}
+    bodies = robot.prior.links if robot.prior else ()
+    facts = {
+        "schema": "dynid/import/1",
+        **picked(robot, "convention", robot="name", n_joints="n"),
+        **picked(made, "base", "tip", kinematics_largest_difference="largest"),
+        "joints": [picked(joint, "type", joint="name", **lengths) for joint in robot.joints],
+        "tip_in_last_frame": {"xyz_m": xyz, "rpy_rad": rpy},
+        "mass_kg": sum(body.mass for body in bodies) if robot.prior else None,
+        "findings": [asdict(finding) for finding in made.findings],
+    }
+    chain = f"{robot.n} joints from {made.base} to {made.tip}, {robot.convention} DH"
+    masses = ", ".join(f"{body.mass:.3g}" for body in bodies)
+    answer = Answer(
+        facts,
+        parts=(
+            *made.findings,
+            ("robot", f"{robot.name}, {chain}"),
+            Table([{head: row[head] for head in [*row][:6]} for row in robot.table()]),
+            ("check", f"forward kinematics agree with the URDF to {made.largest:.1e} m and rad"),
+            (
+                "torque",
+                "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file",
+            ),
+        ),
+    )
+    if robot.prior:
+        prior = ("prior", f"masses {masses} kg, inertias moved into the DH frames")
+        answer = replace(answer, parts=(*answer.parts, prior))
+    return robot_text(robot, head), answer

@@ -1,20 +1,27 @@
-"""``dynid simulate ROBOT TRAJECTORY|LOG``: a log of an arm that follows a motion, without ROS."""
+"""Commands on simulated arms: simulate, sim-driver."""
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import ROBOTS, TIP, dynid_command, load_robot, options_from
+from dynid.cli.options import ROBOTS, TIP, dynid_command, load_robot, options_from, robot_argument
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.session import Session
+from dynid.drivers.ros import raise_priority
 from dynid.judgement.rules import Step
 from dynid.text import shell
-from dynid.workflows.options import SimulateOptions
+from dynid.workflows.options import SimDriverOptions, SimulateOptions
+
+if TYPE_CHECKING:
+    from dynid.robot import Robot
+
 
 THERE = click.Path(exists=True, path_type=Path)
 
@@ -45,7 +52,7 @@ THERE = click.Path(exists=True, path_type=Path)
     show_default=True,
     help="Simulator that --compare loads the exported files in.",
 )
-def command(
+def simulate_command(
     session: Session,
     robot: str,
     tip: str | None,
@@ -76,3 +83,28 @@ def compared(session: Session, before: Path, after: Path, log: Path, engine: str
     folder = session.out or (after if after.is_dir() else after.parent)
     wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{engine}.png")]
     return replace(gap.answer(), wrote=wrote)
+
+
+@dynid_command(
+    "sim-driver",
+    examples=(
+        "rosmaster --core &                       a ROS master, if none runs",
+        "dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz",
+        "dynid sim-driver kuka_lwr4plus --rate 200 --torque-noise 0.1 --latency 0.005",
+    ),
+)
+@robot_argument
+@options_from(SimDriverOptions)
+def sim_driver_command(session: Session, robot: Robot, options: SimDriverOptions) -> Answer:
+    """Simulate an arm behind its driver's topics, in real time."""
+
+    def started(topic: str, master: str) -> None:
+        where = f"{topic} at {options.rate:g} Hz, master {master}, seed {session.seed}"
+        session.stage("driver", where)
+        end = "Ctrl-C" if options.duration is None else f"after {options.duration:g} s"
+        session.stage("stop", end)
+        # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+    raise_priority()
+    return workflows.sim_driver.simulate_driver(robot, options, started=started)

@@ -1,0 +1,153 @@
+"""Commands about this machine and about dynid: doctor, explain, completion."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import get_completion_class
+from rich.markdown import Markdown
+from rich.text import Text
+
+from dynid import workflows
+from dynid.answer import Answer
+from dynid.cli.commands import COMMANDS, command_of
+from dynid.cli.failure import is_terminal
+from dynid.cli.options import (
+    COMMON,
+    PATH,
+    completed,
+    configure,
+    dynid_command,
+    keys_of,
+    settings,
+    words_of,
+)
+from dynid.cli.session import Session
+from dynid.codes import codes, page, summary
+from dynid.errors import WrongUsage
+from dynid.files import pages
+from dynid.table import Table
+from dynid.text import closest
+
+#: Value of --config that means: show the configuration.
+SHOW = Path("?show")
+
+
+def sources(file: Path | None) -> Iterator[dict[str, Any]]:
+    """Yield value and source of the common options, then of those options of commands that lost their default."""
+    ctx = click.get_current_context()
+    for name in sorted(COMMANDS, key="doctor".__ne__):
+        command = command_of(name)
+        configured = settings(command, file)
+        for key, option in keys_of(command).items():
+            if key == "config":
+                continue
+            common = key in COMMON
+            value: Any = option.get_default(ctx)
+            value = value if isinstance(value, (bool, int, float, str)) else None
+            source = "default"
+            names = [each for each in option.envvar or () if os.environ.get(each)]
+            typed = ctx.get_parameter_source(key) is click.core.ParameterSource.COMMANDLINE
+            if typed and command is ctx.command:
+                value, source = ctx.params[key], "command line"
+            elif names:
+                value, source = os.environ[names[0]], names[0]
+            elif key in configured:
+                value, source = words_of(configured[key]), configured[key].where
+            if command is ctx.command if common else source != "default":
+                where = "" if common else name
+                yield {"command": where, "option": key, "value": value, "source": source}
+
+
+@dynid_command(
+    "doctor",
+    examples=(
+        "dynid doctor               what works and what does not",
+        "dynid doctor --config      each option's value",
+    ),
+    config=click.option(
+        "--config",
+        type=PATH,
+        metavar="[FILE]",
+        is_flag=False,
+        flag_value=str(SHOW),
+        is_eager=True,
+        expose_value=False,
+        callback=configure,
+        help="Show each option's value and source, those of FILE instead of ./dynid.yaml and the user's.",
+    ),
+)
+def doctor_command(session: Session) -> Answer:
+    """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration."""
+    config = click.get_current_context().meta["dynid.config"]
+    if config is not None:
+        shown = list(sources(None if config == SHOW else config))
+        note = "options of single commands are listed when they differ from their default"
+        facts = {"schema": "dynid/doctor/1", "settings": shown}
+        return Answer(facts, parts=[Table(shown)], notes=[("note", note)])
+    return workflows.doctor.doctor()
+
+
+@dynid_command(
+    "explain",
+    examples=(
+        "dynid explain              all codes and pages",
+        "dynid explain E307         a code",
+        "dynid explain robot-file   a page: every key of a robot file",
+    ),
+)
+@click.argument(
+    "word",
+    required=False,
+    metavar="[CODE|PAGE]",
+    shell_complete=completed(lambda: [*codes(), *pages()]),
+)
+def explain_command(session: Session, word: str | None) -> Answer:
+    """Say what an error or warning code means and how to get rid of it, or show a page of the documentation."""
+    schema = {"schema": "dynid/explain/1"}
+    if word is None:
+        lines = [
+            *((each, summary(each)) for each in codes()),
+            ("pages", ", ".join(sorted(pages()))),
+        ]
+        facts = {"codes": {each: page(each) for each in codes()}, "pages": sorted(pages())}
+        return Answer(schema | facts, parts=lines)
+    code = word.strip("[]").upper()
+    if code in codes():
+        lines = [
+            (code if label == "what" else f"  {label}", text) for label, text in page(code).items()
+        ]
+        return Answer(schema | {"code": code, **page(code)}, parts=lines)
+    if word in pages():
+        text = pages()[word].read_text(encoding="utf-8")
+        if not session.json:
+            terminal = is_terminal(session.stdout.file)
+            session.stdout.print(Markdown(text) if terminal else Text(text))
+        return Answer(schema | {"page": word, "text": text})
+    raise WrongUsage(
+        f"no code or page '{word}'{closest(word, [*codes(), *pages()])}",
+        why="codes are E or W and three digits, as printed in error[E307]; pages have names such as robot-file",
+        fix="dynid explain",
+    )
+
+
+@dynid_command(
+    "completion",
+    examples=(
+        'eval "$(dynid completion bash)"                                   in ~/.bashrc',
+        'eval "$(dynid completion zsh)"                                    in ~/.zshrc',
+        "dynid completion fish > ~/.config/fish/completions/dynid.fish",
+    ),
+)
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion_command(session: Session, shell: str) -> Answer:
+    """Print the completion script of a shell."""
+    made, root = get_completion_class(shell), click.get_current_context().find_root().command
+    assert made is not None
+    script = made(root, {}, "dynid", "_DYNID_COMPLETE").source()
+    session.answer(script)
+    return Answer({"schema": "dynid/completion/1", "shell": shell, "script": script})
