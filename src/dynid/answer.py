@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from dynid.errors import Finding
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.judge import Judgement, judge
-from dynid.judgement.rules import Step
+from dynid.judgement.rules import Judgement, Step, judge
 from dynid.table import Table
 from dynid.text import html, visible
 

@@ -31,7 +31,10 @@ COMMANDS: dict[str, Entry] = {
     "trajectory": Entry("Loop 2", "plan and preview", "trajectory.npz"),
     "record": Entry("Loop 2", "move the arm and log", "log.bag, log.npz            (needs ROS 1)"),
     "parameters": Entry(
-        "Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"
+        "Loop 3",
+        "regressor on the log",
+        "fullnumericregressor.npz, estimatedmotion.npz",
+        "identify",
     ),
     "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
     "validate": Entry("Then", "predict a held-out log", "torque error of each joint", "results"),

@@ -19,7 +19,7 @@ from dynid.errors import OutputExists, WrongUsage
 from dynid.judgement.rules import Step
 from dynid.options import LogOptions
 from dynid.text import shell
-from dynid.workflows.options import ConvertOptions, ImportOptions
+from dynid.workflows.options import ImportOptions
 
 if TYPE_CHECKING:
     from dynid.workflows.files import Checked
@@ -97,9 +97,9 @@ def written(session: Session, checked: Checked, chosen: dict[str, object]) -> li
 @click.option(
     "--robot", metavar="ROBOT", help="The arm of the log, whose file names topic and columns."
 )
-@options_from(ConvertOptions)
+@options_from(LogOptions, without=(*FILTERING, "exclude", "anyway", "sort_time"))
 def convert_command(
-    session: Session, log: Path, to: Path | None, robot: str | None, options: ConvertOptions
+    session: Session, log: Path, to: Path | None, robot: str | None, options: LogOptions
 ) -> Answer:
     """Write a recording as .npz or .csv; every number stays as it was recorded."""
     target = to or session.out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,27 +15,8 @@ from dynid.cli.options import FILE, PATH, dynid_command, options_from
 from dynid.cli.prompt import may_write, write_once
 from dynid.cli.session import Session
 from dynid.disk import write_text
-from dynid.options import Options, option, share, unless
 from dynid.runs import RunFolder
 from dynid.workflows.options import FORMATS, CompareOptions, ExportOptions, ValidateOptions
-
-
-@dataclass(frozen=True)
-class Limits(Options):
-    """Errors from which on the exit status is 1."""
-
-    max_rms: float | None = option(
-        None,
-        "Exit 1 if the rms torque error of any joint is larger [N m or N].",
-        metavar="NM",
-        kind="float",
-    )
-    max_unexplained: float | None = option(
-        None,
-        "Exit 1 if the total relative torque error is larger.",
-        metavar="SHARE",
-        read=unless((), share),
-    )
 
 
 @dynid_command(
@@ -49,7 +30,6 @@ class Limits(Options):
 @click.argument("parameters", type=PATH)
 @click.argument("log", type=PATH)
 @options_from(ValidateOptions)
-@options_from(Limits, "limits")
 @click.option(
     "--mcap",
     type=FILE,
@@ -62,7 +42,6 @@ def validate_command(
     parameters: Path,
     log: Path,
     options: ValidateOptions,
-    limits: Limits,
     mcap: Path | None,
     plot: bool,
 ) -> Answer:
@@ -78,7 +57,7 @@ def validate_command(
     if mcap is not None:
         wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
     wrote += workflows.report.renewed(stored.path, base)
-    return validation.answer(limits.max_rms, limits.max_unexplained, wrote)
+    return replace(validation.answer(), wrote=wrote)
 
 
 @dynid_command(

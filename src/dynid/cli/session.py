@@ -30,7 +30,7 @@ from rich.text import Text
 from dynid.answer import LABEL, Answer, Part
 from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.errors import CannotWrite, Finding
-from dynid.judgement.judge import Judgement
+from dynid.judgement.rules import Judgement
 from dynid.options import Options, option
 from dynid.table import Table, cell_text
 from dynid.text import shell, visible, whole_number

@@ -14,7 +14,7 @@ from dynid.estimation.observation_files import load_factors
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.gap.record import GapRecord, read_record
-from dynid.judgement.judge import Judgement
+from dynid.judgement.rules import Judgement
 from dynid.robot import Robot
 from dynid.runs import RunFolder
 from dynid.sim.comparison import SimulatorGap

@@ -17,7 +17,7 @@ from dynid.estimation.result import Identification
 from dynid.files import typed
 from dynid.judgement.evidence import Change as ChangedNumber
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.judge import Judgement
+from dynid.judgement.rules import Judgement
 from dynid.loading import ResultLike, as_result, as_results
 from dynid.reports.tables import JunitCase, junit, run_rows, runs_csv, runs_latex
 from dynid.table import Table

@@ -30,7 +30,7 @@ from dynid.signals.describe import LogSummary, describe
 from dynid.table import Table
 from dynid.text import shell
 from dynid.units import joint_unit
-from dynid.workflows.options import ConvertOptions, ImportOptions
+from dynid.workflows.options import ImportOptions
 
 ROBOT_SUFFIXES = (".yaml", ".yml", ".urdf")
 
@@ -358,7 +358,7 @@ def inspected(path: Path, options: LogOptions) -> Checked:
 
 
 def convert(
-    path: Path, target: Path, robot: Robot | None = None, options: ConvertOptions = ConvertOptions()
+    path: Path, target: Path, robot: Robot | None = None, options: LogOptions = LogOptions()
 ) -> Answer:
     """Write a recording in the format of another file's suffix; every number stays as it was recorded.
 
@@ -372,7 +372,7 @@ def convert(
         DynidError: the recording cannot be read, or the file cannot be written.
     """
     if robot is not None:
-        log = read_log(path, robot, LogOptions(topic=options.topic, rate=options.rate))
+        log = read_log(path, robot, options)
         findings = log.findings
     else:
         with located(str(path)):

@@ -238,6 +238,18 @@ class ValidateOptions(LogOptions):
     """How a log is replayed. Filter and delay are those of the result where nothing else is asked for."""
 
     allow_training_data: bool = option(False, "Accept the recording that was used to identify.")
+    max_rms: float | None = option(
+        None,
+        "Exit 1 if the rms torque error of any joint is larger [N m or N].",
+        metavar="NM",
+        kind="float",
+    )
+    max_unexplained: float | None = option(
+        None,
+        "Exit 1 if the total relative torque error is larger.",
+        metavar="SHARE",
+        read=unless((), share),
+    )
     residual_model: bool | None = option(
         None,
         "Predict with the result's residual model, or by its parameters alone (default: with it).",
@@ -358,20 +370,6 @@ class CompareOptions(Options):
         "Largest change of any number against the baseline; without it the noise is the measure.",
         metavar="SHARE",
         read=unless((), share),
-    )
-
-
-@dataclass(frozen=True)
-class ConvertOptions(Options):
-    """Which joint states are converted."""
-
-    topic: str | None = option(
-        None,
-        "ROS topic of the joint states (default: the one with most messages).",
-        metavar="TOPIC",
-    )
-    rate: float | None = option(
-        None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
     )
 
 

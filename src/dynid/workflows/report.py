@@ -9,7 +9,7 @@ from typing import Any
 from dynid.answer import Answer, Answered, judged
 from dynid.arguments import public
 from dynid.disk import write_text
-from dynid.judgement.judge import Judgement
+from dynid.judgement.rules import Judgement
 from dynid.loading import ResultLike, as_result
 from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,6 +68,7 @@ class Validation(Judged):
         start_ns: what the time of the log counts from [ns since 1970], 0 where it does not say.
         of: tells the parameters that predicted from others.
         known: what is known of the model without this log.
+        broken: limits of the options that are not met, in words.
     """
 
     robot: Robot
@@ -83,6 +84,7 @@ class Validation(Judged):
     start_ns: int = 0
     of: str = ""
     known: Evidence = field(default_factory=Evidence)
+    broken: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -121,30 +123,12 @@ class Validation(Judged):
         ]
         return Table(rows)
 
-    def answer(
-        self,
-        max_rms: float | None = None,
-        max_unexplained: float | None = None,
-        wrote: Sequence[Path] = (),
-    ) -> Answer:
-        """Return what ``dynid validate`` answers.
-
-        Args:
-            max_rms: largest rms error of a joint that is allowed [N m or N].
-            max_unexplained: largest total relative error that is allowed, as a share.
-            wrote: files of this replay.
-        """
-        total = self.relative_error_percent
-        limits = [
-            f"{joint.joint}: rms error {joint.rms:.3g} N m > {max_rms:g}"
-            for joint in self.joints
-            if max_rms is not None and joint.rms > max_rms
-        ]
-        if max_unexplained is not None and total > 100 * max_unexplained:
-            limits.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
-        text = f"total relative error {total:.2f} %; baseline: {self.baseline}"
-        answer = judged(self.judgement, self.facts() | {"passed": not limits}, self.table(), text)
-        return replace(answer, wrote=wrote, limits=limits)
+    def answer(self) -> Answer:
+        """Return what ``dynid validate`` answers."""
+        text = (
+            f"total relative error {self.relative_error_percent:.2f} %; baseline: {self.baseline}"
+        )
+        return replace(judged(self.judgement, self.facts(), self.table(), text), limits=self.broken)
 
     def plot_torque(self) -> Figure:
         """Return a figure of measured and estimated torque and their difference, one panel per joint."""
@@ -176,6 +160,7 @@ class Validation(Judged):
             **picked(self, expected_relative_error_percent="expected_percent", cutoff_hz="cutoff"),
             "joints": [picked(joint, "joint", **keys) for joint in self.joints],
             "judgement": self.judgement.facts(),
+            "passed": not self.broken,
         }
         facts: dict[str, Any] = in_amperes(answer, self.robot)
         return facts
@@ -269,8 +254,7 @@ def validate(
     )
     checked = checked_log(log, base.robot, options, identify=False)
     check_weight(checked, base.robot)
-    conditioned = condition_logs([checked], base.model, options)
-    replayed = scaled(conditioned, base, result.theta)[0]
+    (replayed,) = scaled(condition_logs([checked], base.model, options), base, result.theta)
     stage("replay")
     observer = base.model.observer(base.reduction.base)
     rows = rows_of(replayed, observer)
@@ -296,7 +280,18 @@ def validate(
         start_ns=int(log.extra.get("start_ns", 0)),
         of=fingerprint(result),
         known=evidence_of(result),
+        broken=tuple(_broken(joints, total, options)),
     )
+
+
+def _broken(joints: Sequence[JointCheck], total: float, options: ValidateOptions) -> Iterator[str]:
+    """Yield limits that errors of joints [N m or N] and the total error [%] do not meet."""
+    most, share = options.max_rms, options.max_unexplained
+    for joint in joints:
+        if most is not None and joint.rms > most:
+            yield f"{joint.joint}: rms error {joint.rms:.3g} N m > {most:g}"
+    if share is not None and total > 100 * share:
+        yield f"total relative error {total:.2f} % > {100 * share:g} %"
 
 
 def _expected(

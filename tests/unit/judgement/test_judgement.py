@@ -15,7 +15,7 @@ from dynid.judgement.evidence import (
     Unseen,
     unseen_state,
 )
-from dynid.judgement.judge import judge
+from dynid.judgement.rules import judge
 from judgement import contradictions
 
 #: From best to worst; a light that nothing stands behind praises less than a good one.

@@ -14,7 +14,7 @@ from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion, check
 from dynid.judgement import evidence
-from dynid.judgement.judge import judge
+from dynid.judgement.rules import judge
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
 from dynid.reports.gathered import Gathered, ValidatedLog
