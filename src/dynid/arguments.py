@@ -120,8 +120,6 @@ def refused(name: str, wanted: str, value: object) -> WrongUsage:
         given = f"{value!r:.60}"
     elif isinstance(shape, tuple):
         given = f"an array of shape {shape}"
-    elif isinstance(value, (list, tuple)):
-        given = f"a {type(value).__name__} of {len(value)}"
     else:
         given = f"an object of type {type(value).__name__}"
     return refusal(f"{name} must be {wanted}; given is {given}")

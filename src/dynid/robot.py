@@ -390,6 +390,12 @@ class Robot(Answered):
             for quantity, factors in FACTORS.items()
         }
 
+    @property
+    def shown_gains(self) -> tuple[float, ...]:
+        """What a torque of each joint is divided by to be shown: its gain where torques are amperes, else 1, (n,)."""
+        gains = self.torque.gain if self.torque.relative else None
+        return tuple(gain or 1.0 for gain in gains or (1.0,) * self.n)
+
     def require_joints(self, names: Sequence[str], where: Path | str) -> None:
         """Raise when a file is of another arm.
 

@@ -22,9 +22,4 @@ def config_file() -> Path:
 def _base(variable: str, default: str) -> Path:
     # Why: the XDG specification says that a relative path in these variables must be ignored.
     given = Path(os.environ.get(variable, ""))
-    if given.is_absolute():
-        return given
-    try:
-        return Path.home() / default
-    except RuntimeError:  # no HOME and no entry in the password database
-        return Path(os.path.sep) / default
+    return given if given.is_absolute() else Path(os.path.expanduser("~")) / default  # noqa: PTH111 - needs no home

@@ -130,24 +130,25 @@ def identify_command(
     limits = [parsed_limit(text) for text in fail_if]
     models = session.folder(robot.slug)
     folder = models if extras.payload_from is None else models.with_name(f"{models.name}_loaded")
-    run = workflows.identify.identify_run(
+    folder = session.out or folder
+    answer, base = workflows.identify.identify_run(
         robot,
         logs,
         options,
-        session.out or folder,
+        folder,
         extras,
         models=models,
         may_write=partial(may_write, session),
         header=session.header,
     )
-    page = RunFolder(run.folder).report
-    new = (report or open) and (run.result.path in run.wrote or not page.is_file())
-    wrote = workflows.report.renewed(run.result.path, run.base, first=True) if new else []
-    write_run(run.folder, run.inputs)
+    run = RunFolder(folder)
+    new = (report or open) and (run.parameters in answer.wrote or not run.report.is_file())
+    wrote = workflows.report.renewed(run.parameters, base, first=True) if new else []
+    write_run(folder, answer.facts["inputs"])
     if open:
-        click.launch(str(page.resolve()))
-    broken = broken_limits(run.facts(), limits) if limits else ()
-    return replace(run.answer(), wrote=(*run.wrote, *wrote), limits=broken)
+        click.launch(str(run.report.resolve()))
+    broken = broken_limits(answer.facts, limits)
+    return replace(answer, wrote=(*answer.wrote, *wrote), limits=broken)
 
 
 # ---------------------------------------------------------------- --fail-if
@@ -187,6 +188,8 @@ def broken_limits(facts: Mapping[str, Any], limits: Sequence[Limit]) -> list[str
     for name, sign, limit in limits:
         # Why so: the largest figure of a joint is that of any joint that has one.
         key = name.removeprefix("max_")
+        if key not in joints[0]:  # amperes
+            key = f"{key.removesuffix('nm')}a"
         values = [facts[name]] if name in facts else [joint[key] for joint in joints]
         value = max((each for each in values if each is not None), default=None)
         if value is None:

@@ -104,14 +104,11 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
     session.stage("robot", f"{robot.name}, {kinds}, {robot.convention} DH, file {file}")
     changed = workflows.model.stored_differences(robot, folder)
     if changed is not None and rebuild is not True:
+        what = f"{path} was made from an older robot file ({changed})"
         if rebuild is False:
-            what = f"{path} was made from an older robot file ({changed})"
             raise StaleCache(what, where=path)
-        session.stage(
-            "noticed", f"{path} was made from another version of the robot file: {changed}"
-        )
+        session.stage("noticed", what)
         if ask(session, "P8", path=path) is not Reply.YES:
-            what = f"{path} belongs to an older robot file and was not rebuilt"
             raise StaleCache(what, fix="answer yes, or add --rebuild")
     derived = workflows.model.derive_model(robot, folder, rebuild=rebuild is True)
     if not derived.wrote:

@@ -123,7 +123,7 @@ def evidence_of(result: Identified) -> Evidence:
 def _joints(result: Identified) -> tuple[JointEvidence, ...]:
     joints, noise = [], result.header.get("noise_floor_nm") or ()
     for quality, joint, size, floor in zip_longest(
-        result.joints, result.robot.joints, _sizes(result), noise[: result.robot.n]
+        result.joints, result.robot.joints, result.robot.shown_gains, noise[: result.robot.n]
     ):
         limit = joint.limits.torque
         joints.append(
@@ -139,18 +139,11 @@ def _joints(result: Identified) -> tuple[JointEvidence, ...]:
     return tuple(joints)
 
 
-def _sizes(result: Identified) -> tuple[float, ...]:
-    """Return what a torque of each joint is divided by to be shown: its gain where torques are amperes."""
-    torque = result.robot.torque
-    gains = torque.gain if torque.relative and torque.gain else (1.0,) * len(result.joints)
-    return tuple(gain or 1.0 for gain in gains)
-
-
 def _held_out(result: Identified) -> tuple[Unseen, ...]:
     percent, text = result.heldout_relative_error_percent, result.heldout
     if percent is None:
         return ()
-    pairs = zip(result.joints, _sizes(result), strict=True)
+    pairs = zip(result.joints, result.robot.shown_gains, strict=True)
     rms = tuple(x.heldout_rms / size for x, size in pairs if x.heldout_rms is not None)
     # What was held out is a share of each log, a motion, or one log.
     motion = text.removeprefix(ANOTHER_MOTION)
@@ -176,7 +169,9 @@ def _replay(path: Path, result: Identified) -> Unseen | None:
     return Unseen(
         name=Path(log).name,
         percent=percent,
-        rms=tuple(one.rms / size for one, size in zip(joints, _sizes(result), strict=True)),
+        rms=tuple(
+            one.rms / size for one, size in zip(joints, result.robot.shown_gains, strict=True)
+        ),
         same_motion=bool(header.get("same_motion", False)),
         expected=header.get("expected_percent"),
         replayed=True,

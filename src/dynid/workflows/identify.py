@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from statistics import median
@@ -400,83 +400,6 @@ def save_result(
 READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
 
 
-@dataclass(frozen=True)
-class IdentifyRun:
-    """What an identification found and wrote in its folder.
-
-    Attributes:
-        result: the result, new or the one that was there.
-        base: its base model.
-        inputs: what it depends on.
-        wrote: files that are new; those of the result last.
-        gains: gains of the drives, where the logs hold currents and not all were known.
-        payload: the load, where a result without it was given.
-    """
-
-    result: Identification
-    base: BaseModel
-    inputs: dict[str, str]
-    wrote: tuple[Path, ...]
-    gains: Gains | None = None
-    payload: IdentifiedPayload | None = None
-
-    @property
-    def folder(self) -> Path:
-        """Where it lies."""
-        return self.result.path.parent
-
-    def facts(self) -> dict[str, Any]:
-        """Return what the JSON answer of ``dynid identify`` says."""
-        delays = ("delay_s", "delay_std_error_s", "delay_applied_s")
-        facts = {
-            **self.result.facts(),
-            **{key: self.result.header.get(key) for key in delays},
-            **(gain_facts(self.base.robot, self.gains) if self.gains else {}),
-            "folder": self.folder,
-            "inputs": self.inputs,
-        }
-        if self.payload is not None:
-            facts["payload"] = self.payload.facts()
-            facts["findings"] += map(asdict, self.payload.findings())
-        return facts
-
-    def answer(self) -> Answer:
-        """Return what ``dynid identify`` answers."""
-        facts = in_amperes(self.facts(), self.base.robot)
-        answer = self.result.answer(facts)
-        gains = () if self.gains is None else (Table(facts["gains"]),)
-        return replace(
-            answer,
-            parts=(*gains, *answer.parts, *self._payload_parts()),
-            notes=() if self.gains is None else tuple(_doubts(self.base.robot, self.gains)),
-            wrote=self.wrote,
-        )
-
-    def _payload_parts(self) -> tuple[Part, ...]:
-        """Return the load as a person reads it; nothing where none was asked for."""
-        payload = self.payload
-        if payload is None:
-            return ()
-        names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-        units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
-        columns = names, payload.numbers, *payload.intervals.T, units
-        heads = ("load", "value", "2.5 %", "97.5 %", "unit")
-        rows = [dict(zip(heads, row, strict=True)) for row in zip(*columns, strict=True)]
-        title = "load on the last link, in its frame (inertia about the centre of mass)"
-        return *payload.findings(), "", title, Table(rows)
-
-
-def _doubts(robot: Robot, gains: Gains) -> Iterator[tuple[str, str]]:
-    """Yield how far the gains of the drives are known, where that is not far."""
-    if gains.relative:
-        yield "amperes", "the size of the gains is unknown, so results are in A; see --loaded"
-    shares = gains.std_error / gains.gain
-    worst = int(shares.argmax())
-    if shares[worst] > UNCERTAIN:
-        name, percent = robot.joint_names[worst], 100 * shares[worst]
-        yield "uncertain", f"the gain of {name} is known to {percent:.0f} % only"
-
-
 def identify_run(
     robot: Robot,
     paths: Sequence[Path],
@@ -487,8 +410,8 @@ def identify_run(
     models: Path,
     may_write: Callable[[Path, Mapping[str, str]], bool] = lambda path, inputs: True,
     header: Callable[[Mapping[str, str]], dict[str, Any]],
-) -> IdentifyRun:
-    """Identify in a folder: with equal inputs the result that is there is the answer.
+) -> tuple[Answer, BaseModel]:
+    """Identify in a folder and return what is answered, and the base model; with equal inputs the result there is it.
 
     Args:
         robot: the arm.
@@ -521,50 +444,65 @@ def identify_run(
     inputs = _inputs(robot, folder, paths, options, extras, earlier)
     base, path = base_model(robot, models), RunFolder(folder).parameters
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
-    if not updated and not may_write(path, inputs):
-        result = _stored(path, base)
+    reused = not updated and not may_write(path, inputs)
+    if reused and unloaded is None:
+        result = replace(load_run(path), rigid=base.model.rigid)
+        noticed = (Finding(**each) for each in result.header.get("log_findings", []))
+        notice((*noticed, *result.findings))
     else:
         if paths:
             seen = observe(robot, logs(), options, base=base, drop_weak=options.drop_weak)
-            own = {
-                k: text
-                for k, text in inputs.items()
-                if k in ("robot", *READING) or k.startswith("log ")
-            }
-            wrote.append(seen.save_stack(folder, header(own)))
         else:
             seen = load_observations(RunFolder(folder).stack, base)
         result = identify(robot, seen, options, update=earlier)
-        wrote += save_result(folder, result, header(inputs))
-    payload = None
-    if unloaded is not None:
-        rows = _with_rows(result, base, logs, options) if paths else result
-        payload = find_payload(rows, unloaded)
+        own = {k: v for k, v in inputs.items() if k in ("robot", *READING) or k[:4] == "log "}
+        if paths and not reused:
+            wrote.append(seen.save_stack(folder, header(own)))
+        if not reused:
+            wrote += save_result(folder, result, header(inputs))
+    payload = None if unloaded is None else find_payload(result, unloaded)
+    if payload is not None:
         wrote.insert(0, _write_payload(folder, payload))
     result = replace(result, path=path)
-    return IdentifyRun(result, base, inputs, tuple(wrote), gains, payload)
+    return _answer(result, inputs, gains, payload, wrote), base
 
 
-def _stored(path: Path, base: BaseModel) -> Identification:
-    """Return the result that is there, with the model that a result would derive, and say what was noticed."""
-    result = replace(load_run(path), rigid=base.model.rigid)
-    noticed = (Finding(**each) for each in result.header.get("log_findings", []))
-    notice((*noticed, *result.findings))
-    return result
-
-
-def _with_rows(
+def _answer(
     result: Identification,
-    base: BaseModel,
-    logs: Callable[[], list[Log]],
-    options: IdentifyOptions,
-) -> Identification:
-    """Return a result with the rows that it was made from, which its file does not keep."""
-    if result.stack is not None:
-        return result
-    options = replace(options, cutoff=result.cutoff, delay=result.delay)
-    seen = observe(result.robot, logs(), options, base=base, drop_weak=True)
-    return replace(result, stack=seen.stack)
+    inputs: dict[str, str],
+    gains: Gains | None,
+    payload: IdentifiedPayload | None,
+    wrote: Sequence[Path],
+) -> Answer:
+    """Return what ``dynid identify`` answers: gains of the drives where they were found, the arm, and its load."""
+    parts, notes, robot = list[Part](), list[tuple[str, str]](), result.robot
+    delays = ("delay_s", "delay_std_error_s", "delay_applied_s")
+    facts = result.facts() | {key: result.header.get(key) for key in delays}
+    facts |= {"folder": result.path.parent, "inputs": inputs}
+    if gains is not None:
+        facts |= gain_facts(robot, gains)
+        parts.append(Table(facts["gains"]))
+        if gains.relative:
+            text = "the size of the gains is unknown, so results are in A; see --loaded"
+            notes.append(("amperes", text))
+        shares = gains.std_error / gains.gain
+        worst = int(shares.argmax())
+        if shares[worst] > UNCERTAIN:
+            known = f"known to {100 * shares[worst]:.0f} % only"
+            notes.append(("uncertain", f"the gain of {robot.joint_names[worst]} is {known}"))
+    load = list[Part]()
+    if payload is not None:
+        facts["payload"] = payload.facts()
+        facts["findings"] = [*facts["findings"], *map(asdict, payload.findings())]
+        names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+        units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+        columns = names, payload.numbers, *payload.intervals.T, units
+        heads = ("load", "value", "2.5 %", "97.5 %", "unit")
+        rows = [dict(zip(heads, row, strict=True)) for row in zip(*columns, strict=True)]
+        title = "load on the last link, in its frame (inertia about the centre of mass)"
+        load = [*payload.findings(), "", title, Table(rows)]
+    answer = result.answer(in_amperes(facts, robot))
+    return replace(answer, parts=(*parts, *answer.parts, *load), notes=notes, wrote=wrote)
 
 
 def _inputs(

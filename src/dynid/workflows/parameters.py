@@ -369,14 +369,14 @@ def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
     """Return a JSON answer with torques in amperes where only ratios of the gains are known: ``_nm`` becomes ``_a``."""
     if not robot.torque.relative or robot.torque.gain is None:
         return facts
-    scale = dict(zip(robot.joint_names, robot.torque.gain, strict=True))
+    scale = dict(zip(robot.joint_names, robot.shown_gains, strict=True))
 
     def renamed(value: Any, gain: float) -> Any:  # noqa: ANN401
         if isinstance(value, (list, tuple)):
             return [renamed(inner, gain) for inner in value]
         if not isinstance(value, dict):
             return value
-        gain = scale.get(str(value.get("joint")), gain) or 1.0
+        gain = scale.get(str(value.get("joint")), gain)
         facts = {}
         for key, inner in value.items():
             torque = key.endswith("_nm")

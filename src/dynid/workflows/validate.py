@@ -94,12 +94,13 @@ class Validation(Judged):
     @property
     def evidence(self) -> Evidence:
         """What is known of the model with this log."""
-        torque = self.robot.torque
-        gains = torque.gain if torque.relative and torque.gain else (1.0,) * self.robot.n
         seen = Unseen(
             Path(self.log).name,
             self.relative_error_percent,
-            tuple(one.rms / (gain or 1.0) for one, gain in zip(self.joints, gains, strict=True)),
+            tuple(
+                one.rms / gain
+                for one, gain in zip(self.joints, self.robot.shown_gains, strict=True)
+            ),
             self.same_motion,
             self.expected_percent,
             True,

@@ -44,147 +44,124 @@ def positive(rng, low=1e-3, high=1e2):
     return low * (high / low) ** rng.random()
 
 
-def maybe(rng, value):
-    return value if rng.random() < 0.8 else None
+#: What words and lists of a random evidence are drawn from, by the name of their field.
+WORDS = {
+    "asked": ("result", "replay", "gap", "change"),
+    "robot": ("my_arm.yaml",),
+    "result": ("", "out/my_arm/parameters.npz", "out/with space/parameters.npz"),
+    "logs": ((), ("a.bag",), ("a.bag", "b c.bag")),
+    "doubts": ((), (), ("W404",)),
+    "alarms": ((), (), (), ("W329",)),
+    "earlier": ("", "january"),
+    "earlier_result": ("", "out/january/parameters.npz"),
+    "tolerance": (None, 0.01),
+    "open": range(20),
+    "question": ("numbers", "arm", "changed"),
+    "more": ((), ("elbow",)),
+    "unrepeatable": ((), (), ("wrist",)),
+    "events": ((), (), (Event("run.bag", "elbow", 14.0, 14.4, 15.0),)),
+    "instead": ((),),
+    "kept_rms": ((),),
+    "joints": (NAMES,),
+    "other": (None, None, None, OtherArm("ur5e", 1.1, 9.4)),
+    "changes": (None, (), (), (Change("m3", 1.0, 2.0, 1e-5),), (Change("m3", 1.0, 2.0),) * 3),
+    "unit": ("N m",),
+    "log": ("run.bag",),
+    "name": ("run.bag",),
+    "why_not": ("",),
+    "rivals": ((),),
+}
+#: Ranges of numbers that are no errors.
+RANGES = {
+    "mass": (1, 1e4),
+    "reach": (0.1, 5),
+    "condition": (1, 1e4),
+    "seconds": (1, 100),
+    **dict.fromkeys(("known", "left_out", "probability"), (1e-3, 1)),
+}
 
 
-def some_unseen(rng, same=None):
-    rms = tuple(positive(rng) for _ in NAMES) if rng.random() < 0.8 else ()
-    same = rng.random() < 0.5 if same is None else same
-    return Unseen(
-        "run.bag",
-        positive(rng),
-        rms,
-        same,
-        maybe(rng, positive(rng)),
-        rng.random() < 0.7,
-        "run.bag",
-    )
+def some(kind, rng, **own):
+    """Return random evidence of a kind; what may be unknown is so at times."""
+    for each in fields(kind):
+        if each.name in own:
+            continue
+        if each.name in WORDS:
+            value = rng.choice(WORDS[each.name])
+        elif "bool" in each.type:
+            value = rng.random() < 0.5
+        elif "tuple" in each.type:
+            value = tuple(positive(rng) for _ in NAMES) if rng.random() < 0.8 else ()
+        else:
+            value = positive(rng, *RANGES.get(each.name, (1e-3, 1e2)))
+        unknown = "None" in each.type and rng.random() < 0.2
+        own[each.name] = None if unknown else value
+    return kind(**own)
 
 
 def some_effect(rng, named):
-    error = maybe(rng, positive(rng))
-    return EffectEvidence(
-        "Stribeck friction",
-        "elbow",
-        "stribeck",
-        (("fs", positive(rng), error, "N m"),),
-        named,
-        maybe(rng, rng.random()),
-        "elbow",
-        positive(rng),
-        positive(rng),
-    )
+    sizes = (("fs", positive(rng), rng.choice((None, positive(rng))), "N m"),)
+    own = {"title": "Stribeck friction", "where": "elbow", "effect": "stribeck", "joint": "elbow"}
+    return some(EffectEvidence, rng, **own, sizes=sizes, named=named, corrected=False)
 
 
 def some_gap(rng):
     named = [some_effect(rng, True)] * rng.choice((0, 0, 1, 2))
-    return GapEvidence(
-        rng.choice(("numbers", "arm", "changed")),
-        bool(named) and rng.random() < 0.2,
-        (*named, *[some_effect(rng, False)] * rng.choice((0, 0, 1))),
-        NAMES,
-        tuple(positive(rng) for _ in NAMES),
-        tuple(positive(rng) for _ in NAMES),
-        tuple(positive(rng) for _ in NAMES),
-        rng.choice(((), tuple(0.1 * positive(rng) for _ in NAMES))),
-        rng.random() < 0.5,
-        rng.choice(((), ("elbow",))),
-        rng.choice(((), (), ("wrist",))),
-        rng.choice(((), (), (Event("run.bag", "elbow", 14.0, 14.4, 15.0),))),
-        maybe(rng, positive(rng)),
-        maybe(rng, positive(rng)),
-        logs=rng.choice(((), ("new.bag",))),
+    effects = (*named, *[some_effect(rng, False)] * rng.choice((0, 0, 1)))
+    before, after, noise = (tuple(positive(rng) for _ in NAMES) for _ in range(3))
+    errors = {"before": before, "after": after, "noise": noise}
+    return some(
+        GapEvidence, rng, ambiguous=bool(named) and rng.random() < 0.2, effects=effects, **errors
     )
 
 
 def some_evidence(seed):
     rng = random.Random(seed)
-    joints = tuple(
-        JointEvidence(
-            name,
-            "N m",
-            *(maybe(rng, positive(rng)) for _ in ("torque", "fitted", "noise", "limit")),
-        )
-        for name in NAMES
-    )
-    changes = tuple(Change("m3", 1.0, 2.0, 1e-5) for _ in range(rng.choice((0, 0, 1, 3))))
-    return Evidence(
-        asked=rng.choice(("result", "replay", "gap", "change")),
-        robot="my_arm.yaml",
-        result=rng.choice(("", "out/my_arm/parameters.npz", "out/with space/parameters.npz")),
-        logs=rng.choice(((), ("a.bag",), ("a.bag", "b c.bag"))),
+    joints = tuple(some(JointEvidence, rng, joint=name) for name in NAMES)
+    return some(
+        Evidence,
+        rng,
         joints=rng.choice((joints, joints, ())),
-        repeats=maybe(rng, rng.random() < 0.5),
-        fitted=maybe(rng, positive(rng)),
-        unseen=tuple(some_unseen(rng) for _ in range(rng.choice((0, 1, 1, 2)))),
-        possible=maybe(rng, positive(rng)),
-        plain=maybe(rng, positive(rng)),
-        physical=maybe(rng, rng.random() < 0.7),
-        doubts=rng.choice(((), (), ("W404",))),
-        alarms=rng.choice(((), (), (), ("W329",))),
-        mass=maybe(rng, positive(rng, 1, 1e4)),
-        reach=maybe(rng, positive(rng, 0.1, 5)),
-        known=maybe(rng, rng.random()),
-        open=maybe(rng, rng.randrange(20)),
-        condition=maybe(rng, positive(rng, 1, 1e4)),
-        seconds=maybe(rng, positive(rng, 1, 100)),
-        left_out=maybe(rng, rng.random()),
-        gap=maybe(rng, some_gap(rng)),
-        other=rng.choice((None, None, None, OtherArm("ur5e", 1.1, 9.4))),
-        changes=maybe(rng, changes),
-        earlier=rng.choice(("", "january")),
-        earlier_result=rng.choice(("", "out/january/parameters.npz")),
-        tolerance=rng.choice((None, 0.01)),
+        unseen=tuple(some(Unseen, rng) for _ in range(rng.choice((0, 1, 1, 2)))),
+        gap=rng.choice((None, *[some_gap(rng)] * 4)),
     )
 
 
 def worse(evidence, seed):
     """Return the same evidence with one error larger, or one fact more that speaks against the model."""
-    rng = random.Random(seed)
-    choices = [replace(evidence, alarms=("W329",)), replace(evidence, doubts=("W404", "W405"))]
-    choices += [
-        replace(evidence, other=OtherArm("ur5e", 1.0, 9.0)),
-        replace(evidence, physical=False),
+    rng, gap = random.Random(seed), evidence.gap
+    choices = [
+        {"alarms": ("W329",)},
+        {"doubts": ("W404", "W405")},
+        {"other": OtherArm("ur5e", 1.0, 9.0)},
+        {"physical": False},
     ]
-    for name in ("possible", "mass", "condition", "left_out", "fitted"):
+    factors = dict.fromkeys(("possible", "mass", "condition", "left_out", "fitted"), 3)
+    factors |= dict.fromkeys(("known", "seconds"), 1 / 3)
+    for name, factor in factors.items():
         value = getattr(evidence, name)
-        if value is not None:
-            choices.append(replace(evidence, **{name: value * 3}))
-    for name in ("known", "seconds"):
-        value = getattr(evidence, name)
-        if value is not None:
-            choices.append(replace(evidence, **{name: value / 3}))
+        choices += [{name: factor * value}] if value is not None else []
     if evidence.joints:
+        joints = list(evidence.joints)
         k = rng.randrange(len(NAMES))
-        one = evidence.joints[k]
-        larger = replace(one, fitted=None if one.fitted is None else 3 * one.fitted)
-        choices.append(
-            replace(evidence, joints=(*evidence.joints[:k], larger, *evidence.joints[k + 1 :]))
-        )
+        if joints[k].fitted is not None:
+            joints[k] = replace(joints[k], fitted=3 * joints[k].fitted)
+        choices.append({"joints": tuple(joints)})
     if evidence.unseen:
         first, *rest = evidence.unseen
         factor = positive(rng, 1.0, 30.0)
-        larger = replace(
-            first, percent=factor * first.percent, rms=tuple(factor * x for x in first.rms)
-        )
-        choices.append(replace(evidence, unseen=(larger, *rest)))
-    if evidence.gap is not None:
-        gap = evidence.gap
-        more = {"before": tuple(3 * x for x in gap.before)}
-        if gap.kept is not None:
-            more["kept"] = 3 * gap.kept
-        choices += [
-            replace(evidence, gap=replace(gap, **{key: value})) for key, value in more.items()
+        rms = tuple(factor * x for x in first.rms)
+        choices.append({"unseen": (replace(first, percent=factor * first.percent, rms=rms), *rest)})
+    if gap is not None:
+        more = [
+            {"before": tuple(3 * x for x in gap.before)},
+            {"effects": (*gap.effects, some_effect(rng, True))},
+            {"more": NAMES},
+            {"unrepeatable": NAMES},
+            *([{"kept": 3 * gap.kept}] if gap.kept is not None else []),
         ]
-        choices += [
-            replace(evidence, gap=replace(gap, effects=(*gap.effects, some_effect(rng, True))))
-        ]
-        choices += [
-            replace(evidence, gap=replace(gap, more=NAMES)),
-            replace(evidence, gap=replace(gap, unrepeatable=NAMES)),
-        ]
-    return rng.choice(choices)
+        choices += [{"gap": replace(gap, **each)} for each in more]
+    return replace(evidence, **rng.choice(choices))
 
 
 @every_seed
