@@ -15,6 +15,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import deque
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, before NumPy is loaded
@@ -22,7 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, befor
 import numpy as np
 import pinocchio as pin
 
-import study  # noqa: F401
+import study
 from arms import pinocchio_model, random_bodies
 from conic import clarabel_optimum
 from dynid.estimation import tuning
@@ -38,11 +40,10 @@ ROBOT = "kuka_lwr4plus"
 RATE = 200.0
 
 
-def process(folder, *words):
-    """Run dynid and return (seconds, peak memory [MB])."""
-    began = time.perf_counter()
+def process(folder, line):
+    """Run dynid and return its peak memory [MB]."""
     child = subprocess.Popen(
-        [sys.executable, "-m", "dynid", *words],
+        [sys.executable, "-m", "dynid", *line.split()],
         cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -51,20 +52,19 @@ def process(folder, *words):
     )
     err = child.stderr.read()
     _, status, usage = os.wait4(child.pid, 0)
-    seconds = time.perf_counter() - began
     if status:
-        raise SystemExit(f"dynid {' '.join(words)} failed:\n{err.decode()}")
-    return seconds, usage.ru_maxrss / 1024
+        raise SystemExit(f"dynid {line} failed:\n{err.decode()}")
+    return usage.ru_maxrss / 1024
 
 
-def median(action, times):
-    return statistics.median(action() for _ in range(times))
-
-
-def seconds(action):
-    began = time.perf_counter()
-    action()
-    return time.perf_counter() - began
+def timed(action, times, clock=time.perf_counter):
+    """Return the median of the seconds of an action."""
+    took = []
+    for _ in range(times):
+        began = clock()
+        action()
+        took.append(clock() - began)
+    return statistics.median(took)
 
 
 # ---------------------------------------------------------------- the other sides
@@ -102,101 +102,64 @@ def make_log(path, model, samples):
 
 # ---------------------------------------------------------------- rows of the table
 def derivation(robot):
-    took = median(lambda: seconds(lambda: build_model(robot)), 3)
-    yield "derive the regressor, 7 joints", f"{took:.2f} s", "0.5 s", ""
+    yield (
+        "derive the regressor, 7 joints",
+        f"{timed(lambda: build_model(robot), 3):.2f} s",
+        "0.5 s",
+        "",
+    )
 
 
 def evaluation(robot):
-    model = build_model(robot)
     _, *states = sines(20000, robot.n)
-    observer = model.observer()
+    observer, micro = build_model(robot).observer(), 1e6 / 20000
     list(observer.blocks(*states))
-
-    def walk():
-        for _ in observer.blocks(*states):
-            pass
-
-    ours = median(lambda: seconds(walk), 5) / 20000 * 1e6
-    dense = median(lambda: seconds(lambda: observer.dense(*states)), 3) / 20000 * 1e6
-    theirs = median(lambda: seconds(lambda: pinocchio_loop(robot, states)), 3) / 20000 * 1e6
-    yield (
-        "regressor, non-zero entries, a sample",
-        f"{ours:.2f} us",
-        "3 us",
-        f"{theirs / ours:.1f} x faster than the loop",
-    )
-    yield (
-        "regressor, dense 7 x 98, a sample",
-        f"{dense:.2f} us",
-        "",
-        f"{theirs / dense:.1f} x faster than the loop",
-    )
-    yield (
-        "Pinocchio computeJointTorqueRegressor loop",
-        f"{theirs:.2f} us",
-        "",
-        "70 columns, from Python",
-    )
+    ours = micro * timed(lambda: deque(observer.blocks(*states), 0), 5)
+    dense = micro * timed(lambda: observer.dense(*states), 3)
+    theirs = micro * timed(lambda: pinocchio_loop(robot, states), 3)
+    title, faster = "regressor, non-zero entries, a sample", "x faster than the loop"
+    yield title, f"{ours:.2f} us", "3 us", f"{theirs / ours:.1f} {faster}"
+    title = "regressor, dense 7 x 98, a sample"
+    yield title, f"{dense:.2f} us", "", f"{theirs / dense:.1f} {faster}"
+    title = "Pinocchio computeJointTorqueRegressor loop"
+    yield title, f"{theirs:.2f} us", "", "70 columns, from Python"
 
 
 def consistency():
     """Solvers of the physically possible set on one thread, as processor time; Clarabel beside them."""
-    arm = seven_joint_arm()
+    arm, clock = seven_joint_arm(), time.process_time
     regimes = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "300 noisy": (300, 0.2, 10.0)}
     for name, regime in regimes.items():
-        R, r = arm.whitened(*regime)
-        found = fit_physical(R, r, arm.constraints)
-        own = median(lambda R=R, r=r: processor(lambda: fit_physical(R, r, arm.constraints)), 15)
-        pooled = median(lambda R=R, r=r: processor(lambda: fit_pooled(R, r, arm.constraints)), 15)
-        best, took = clarabel_optimum(R, r, arm.constraints, tuning.PRIOR_WEIGHT)
-        bounds = -1e-5 * np.log(arm.constraints.slack(found.x)).sum()
-        yield (
-            f"physical set, {name} samples",
-            f"{1e3 * own:.1f} ms",
-            "20 ms",
-            f"Clarabel {1e3 * took:.0f} ms; its optimum differs by {abs(found.objective - bounds - best):.0e} of {best:.0f}",
+        problem = *arm.whitened(*regime), arm.constraints
+        found = fit_physical(*problem)
+        own, pooled = (
+            f"{1e3 * timed(partial(fit, *problem), 15, clock):.1f} ms"
+            for fit in (fit_physical, fit_pooled)
         )
-        yield "the same with pooled friction and rotors", f"{1e3 * pooled:.1f} ms", "20 ms", ""
-
-
-def processor(action):
-    began = time.process_time()
-    action()
-    return time.process_time() - began
+        best, took = clarabel_optimum(*problem, tuning.PRIOR_WEIGHT)
+        off = found.objective + 1e-5 * np.log(arm.constraints.slack(found.x)).sum() - best
+        beside = (
+            f"Clarabel {1e3 * took:.0f} ms; its optimum differs by {abs(off):.0e} of {best:.0f}"
+        )
+        yield f"physical set, {name} samples", own, "20 ms", beside
+        yield "the same with pooled friction and rotors", pooled, "20 ms", ""
 
 
 def whole_processes(robot, folder, samples):
-    model = build_model(robot)
-    yield "dynid --help", f"{median(lambda: process(folder, '--help')[0], 5):.2f} s", "0.15 s", ""
-
-    def cold():
-        return process(folder, "model", ROBOT, "--rebuild", "--reduce")[0]
-
-    cold_time = median(cold, 3)
-    yield "dynid model, cold", f"{cold_time:.2f} s", "3 s", "the paper: 165 s"
-    yield (
-        "dynid model, cached",
-        f"{median(lambda: process(folder, 'model', ROBOT)[0], 3):.2f} s",
-        "0.5 s",
-        "",
-    )
-    for count, label, limit in (
-        (12000, "dynid identify, 60 s at 200 Hz", "2 s"),
-        (samples, f"dynid identify, {samples:,} samples", "15 s, 500 MB"),
+    for title, line, times, limit, beside in (
+        ("dynid --help", "--help", 5, "0.15 s", ""),
+        ("dynid model, cold", f"model {ROBOT} --rebuild --reduce", 3, "3 s", "the paper: 165 s"),
+        ("dynid model, cached", f"model {ROBOT}", 3, "0.5 s", ""),
+    ):
+        yield title, f"{timed(partial(process, folder, line), times):.2f} s", limit, beside
+    model, line, memory = build_model(robot), f"identify {ROBOT} log.npz --force", []
+    for count, times, label, limit, beside in (
+        (12000, 3, "60 s at 200 Hz", "2 s", "the paper: 109 s"),
+        (samples, 1, f"{samples:,} samples", "15 s, 500 MB", "all rows of 83 minutes"),
     ):
         make_log(folder / "log.npz", model, count)
-        runs = [
-            process(folder, "identify", ROBOT, "log.npz", "--force")
-            for _ in range(3 if count < 10**5 else 1)
-        ]
-        took, memory = statistics.median(run[0] for run in runs), max(run[1] for run in runs)
-        note = "the paper: 109 s" if count < 10**5 else "all rows of 83 minutes"
-        yield (
-            label.replace(",", " ") if count > 10**5 else label,
-            f"{took:.2f} s, {memory:.0f} MB",
-            limit,
-            note,
-        )
+        took = timed(lambda: memory.append(process(folder, line)), times)
+        yield f"dynid identify, {label}", f"{took:.2f} s, {max(memory):.0f} MB", limit, beside
 
 
 def machine():
@@ -216,16 +179,10 @@ def main():
     options = parser.parse_args()
     robot = load_robot(ROBOT)
     print(machine(), "\n")
-    print("| what | measured | target | beside |\n| --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
-        for rows in (
-            derivation(robot),
-            evaluation(robot),
-            consistency(),
-            whole_processes(robot, Path(folder), options.samples),
-        ):
-            for row in rows:
-                print("| " + " | ".join(row) + " |", flush=True)
+        processes = whole_processes(robot, Path(folder), options.samples)
+        rows = [*derivation(robot), *evaluation(robot), *consistency(), *processes]
+    print(study.markdown("what | measured | target | beside", rows))
 
 
 if __name__ == "__main__":
