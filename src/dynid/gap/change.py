@@ -25,7 +25,7 @@ from dynid.estimation import tuning
 from dynid.estimation.residual_model import GROUPS, shapes_in
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.noise import NoiseModel
-from dynid.gap.problem import GapProblem, unwhitened_fit
+from dynid.gap.problem import GapProblem, searched_rms, unwhitened_fit
 from dynid.gap.regression import whitened_regression
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 
@@ -109,10 +109,8 @@ def with_always_missing(problem: GapProblem, rows: GapRows) -> tuple[GapRows, Fl
         as an identification lets it be.
     """
     (n, p), k, base = rows.W.shape[1:], len(GROUPS), problem.base
-    left = unwhitened_fit(rows.only(~rows.is_new))[1]
-    old = [part for part in rows.parts if not rows.is_new[part.start]]
-    power = [np.mean(left[part][rows.use[part].all(axis=1)] ** 2, axis=0) for part in old]
-    level = np.sqrt(np.maximum(np.mean(power, axis=0), 1e-30))
+    old = rows.only(~rows.is_new)
+    level = searched_rms(old, unwhitened_fit(old)[1])
     speed = np.maximum(np.sqrt(np.mean(rows.qd**2, axis=0)), SLOWEST)
     observer = base.model.observer(base.reduction.base)
     D = np.concatenate([shapes_in(log, observer, speed) for log in rows.logs])

@@ -162,7 +162,7 @@ def make_problem(
     if kept is not None and alone:
         of_all = unwhitened_fit(rows, nuisance=False)[1]
         # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
-        left = _rms(rows, residual) / _rms(rows, of_all)
+        left = searched_rms(rows, residual) / searched_rms(rows, of_all)
         noise = with_misfit(noise, rows, residual, kept.unexplained * np.minimum(1.0, left))
     return GapProblem(base, rows, text, repeats, noise, theta, kept is not None, prior)
 
@@ -174,7 +174,7 @@ def judged_by_possible(problem: GapProblem) -> GapProblem:
     with. What parameters without any bounds do not explain says nothing about links.
     """
     residual = unwhitened_fit(problem.rows)[1]
-    noise = with_misfit(problem.noise, problem.rows, residual, _rms(problem.rows, residual))
+    noise = with_misfit(problem.noise, problem.rows, residual, searched_rms(problem.rows, residual))
     return replace(problem, in_force=noise)
 
 
@@ -187,7 +187,7 @@ def _first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     ).first_fit.theta
 
 
-def _rms(rows: GapRows, residual: Floats) -> Floats:
+def searched_rms(rows: GapRows, residual: Floats) -> Floats:
     """Return the root mean square of residuals, (M, n), over searched rows that count, (n,)."""
     use = rows.use & rows.train[:, None]
     power = np.sum(np.where(use, residual, 0.0) ** 2, axis=0)
