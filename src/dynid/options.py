@@ -40,8 +40,8 @@ class Declaration:
         repeatable: whether it may be given several times.
         shown: what None means, as help and the inputs of results say it.
         kind: type on the command line where annotation and default do not tell it: ``"input"`` (file that exists),
-            ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole number from 1), ``"effects"``
-            (identifiers that the shell completes).
+            ``"folder"``, ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole number from 1),
+            ``"effects"`` (identifiers that the shell completes).
         bounds: smallest and largest number, None for no bound.
         off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
         deliberate: whether only the command line may give it, no variable of the environment and no file.

@@ -74,15 +74,13 @@ def command(session: Session, robot: str, effect: str | None) -> Answer:
         chapters.append(chapter)
         facts |= {key: story.facts[key] for key in ("hidden", "right", "gap")}
     page = write_demo_page(top / "index.html", arm.name, chapters[-1].text[0], chapters, program())
-    own = "my_arm.yaml" if robot in ARMS else robot
-    steps = f"{shell('dynid', 'check', own)}, then {shell('dynid', 'identify', own, 'my_log.bag')}"
     return Answer(
         {"schema": "dynid/demo/1", "robot": robot, **facts, "page": page},
         parts=(
             "",
             ("truth", chapters[2].text[-1].removesuffix(".")),
             ("page", str(page)),
-            ("next", f"your robot and your log:  {steps}"),
+            ("next", "dynid check my_arm.yaml, then dynid identify my_arm.yaml my_log.bag"),
         ),
     )
 
@@ -98,8 +96,9 @@ def all_loops(
     if robot in ARMS:
         known = workflows.demo.shipped(ARMS[robot])
     else:
-        what = "with bodies up to 20 % off those of its file, friction, noise"
-        session.say(f"--- two motions of the arm, {what}", "bold")
+        session.say(
+            "--- two motions of the arm, with bodies up to 20 % off, friction, noise", "bold"
+        )
         folder.mkdir(parents=True, exist_ok=True)
         known = workflows.demo.simulate_own(arm, folder, session.seed)
     log, unseen = known.logs
@@ -159,8 +158,7 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[Answer, Ch
         The answer, and the same for the page.
     """
     hidden = workflows.demo.hidden_effect(effect, session.seed)
-    what = "three motions, each recorded twice"
-    session.say(f"--- a simulated LWR4+ with a hidden effect: {what}", "bold")
+    session.say("--- a simulated LWR4+ with a hidden effect: three motions, each twice", "bold")
     robot, logs = workflows.demo.simulate_hidden(folder, hidden, session.seed)
     added, words = folder / "with_effect", (robot, *logs[:4], "-o", folder, "--no-feasible")
     what, flags = ", on the first two motions", ("--no-report", "-f")

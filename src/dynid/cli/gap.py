@@ -64,8 +64,7 @@ def command(
 ) -> Answer:
     """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
     if apply and no_apply:
-        what = "--apply and --no-apply cannot be used together"
-        raise WrongUsage(what, fix="leave one of them out")
+        raise WrongUsage("--apply and --no-apply exclude each other", fix="leave one of them out")
     stored = dynid.loading.load_run(parameters)
     run = RunFolder.of(stored.path)
     workflows.gap.selection_options(stored.robot, options)

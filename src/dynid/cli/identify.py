@@ -174,8 +174,8 @@ def parsed_limit(text: str) -> Limit:
         name, sign, limit = match.groups() if match else ("", "", "")
         number = float(limit)
     except ValueError:
-        what = f"--fail-if '{text}' is not NAME > NUMBER"
-        raise WrongUsage(what, fix="such as --fail-if 'max_rms_nm > 1.5'") from None
+        fix = "such as --fail-if 'max_rms_nm > 1.5'"
+        raise WrongUsage(f"--fail-if '{text}' is not NAME > NUMBER", fix=fix) from None
     if name not in FIGURES:
         what = f"--fail-if: no figure '{name}'{closest(name, FIGURES)}"
         raise WrongUsage(what, fix=f"one of {', '.join(FIGURES)}")
@@ -193,8 +193,7 @@ def broken_limits(facts: Mapping[str, Any], limits: Sequence[Limit]) -> list[str
         values = [facts[name]] if name in facts else [joint[key] for joint in joints]
         value = max((each for each in values if each is not None), default=None)
         if value is None:
-            what = f"--fail-if: nothing is held out, so there is no {name}"
-            raise WrongUsage(what, fix="--holdout 20%")
+            raise WrongUsage(f"--fail-if: nothing is held out, so no {name}", fix="--holdout 20%")
         if SIGNS[sign](value, limit):
             broken.append(f"{name} = {value:.4g} {sign} {limit:g}")
     return broken

@@ -130,6 +130,7 @@ def options_from(
 #: What click is told of an option by what ``Declaration.kind`` says.
 KINDS: dict[str, dict[str, Any]] = {
     "input": {"type": INPUT},
+    "folder": {"type": click.Path(file_okay=False, path_type=Path)},
     "count": {"type": click.IntRange(min=1)},
     "level": {"count": True},
     "positive": {"type": click.FloatRange(min=0, min_open=True)},

@@ -165,8 +165,7 @@ def confirm(session: Session, robot: str, given: str | None) -> None:
         if line.strip() != robot:
             raise Declined(f"'{visible(line.strip())}' is not '{robot}'", why=why)
     elif given != robot:
-        what = f"--move names '{given}', but this is '{robot}'"
-        raise WrongUsage(what, why=why, fix=option)
+        raise WrongUsage(f"--move names '{given}', this is '{robot}'", why=why, fix=option)
 
 
 def _read_line(session: Session, shown: str) -> str | None:

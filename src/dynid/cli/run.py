@@ -40,8 +40,7 @@ def command(
 ) -> Answer:
     """Identify, validate and compare many recordings from one YAML list."""
     if json_lines and session.json:
-        what = "--json-lines and --json are two forms of the same answer"
-        raise WrongUsage(what, fix="give one of them")
+        raise WrongUsage("--json-lines and --json are two forms of one answer", fix="give one")
     number = count(1)
 
     def line(event: str, facts: dict[str, Any]) -> None:

@@ -92,8 +92,8 @@ def repeated(ctx: click.Context, args: list[str]) -> list[str]:
         raise WrongUsage(f"no such file {path}", why=f"--from takes the {NAME} of a results folder")
     runs = read_yaml(path).mapping([*COMMANDS])
     if command.name not in runs:
-        what = f"{path} holds no run of '{command.name}'; it has {', '.join(runs)}"
-        raise WrongUsage(what, where=path)
+        has = ", ".join(runs)
+        raise WrongUsage(f"{path} holds no run of '{command.name}'; it has {has}", where=path)
     keys = runs[command.name].mapping(_KEYS, required=("arguments",))
     stored = [item.text() for item in keys["arguments"].items()]
     stored_values = command.make_parser(ctx).parse_args([*stored])[0]
