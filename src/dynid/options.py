@@ -125,6 +125,16 @@ class Options:
                 texts[each.name] = text
         return texts
 
+    def flags(self, *names: str) -> tuple[str, ...]:
+        """Return some options as words of a command, without those that nobody changed."""
+        usual, words = type(self)(), list[str]()
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name in names and value != getattr(usual, each.name):
+                text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                words += [flag_of(each), text]
+        return tuple(words)
+
 
 #: What stands for a value in annotations of options that no function reads, and of arguments.
 TYPES: dict[str, Any] = {

@@ -95,6 +95,8 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     ended = dynid(line, *logs, **ONE).good
     assert ended.out.startswith("Missing effect on lwr_3_joint: friction that grows with the load")
     assert "(not asked: no terminal" in ended.err
+    asked = "--effects load_friction,stribeck --joints 4 --apply best"
+    assert asked in " ".join(ended.err.split()), "the next command does what was shown"
     assert not list(dynid.folder.glob("arm+*"))
     assert not any(path.exists() for path in old)
     assert (before / "gap" / "own.png").read_text() == "old"

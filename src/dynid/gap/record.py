@@ -152,6 +152,7 @@ class GapRecord:
         expected: error that was expected there [%].
         kept_rms: error of each joint of that model there, (n,) [N m or N].
         events: disturbances that happened once: log, joint, start and end [s], size and its unit.
+        flags: what was asked for, as words of a command: ``("--effects", "spring")``; none for the defaults.
     """
 
     robot: str
@@ -184,6 +185,7 @@ class GapRecord:
     expected: float | None = None
     kept_rms: tuple[float, ...] = ()
     events: tuple[dict[str, Any], ...] = ()
+    flags: tuple[str, ...] = ()
 
     def drawn(self) -> list[tuple[GapEffect, HeldOutEffect]]:
         """Return the named effects that have a torque of their own, each with its curve."""

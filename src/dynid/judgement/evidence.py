@@ -165,6 +165,7 @@ class GapEvidence:
         expected: error that was expected there [%].
         kept_rms: error of each joint of that model there, (n,) [N m or N]; () where it was not kept.
         logs: paths of the logs.
+        flags: what was asked for, as words of a command.
         instead: what an arm of other links would have, where nothing is missing with these.
     """
 
@@ -184,6 +185,7 @@ class GapEvidence:
     expected: float | None = None
     kept_rms: tuple[float, ...] = ()
     logs: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
     instead: tuple[EffectEvidence, ...] = ()
 
     @property

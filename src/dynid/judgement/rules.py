@@ -430,14 +430,14 @@ def _gap_steps(e: Evidence) -> Iterator[Step]:
     gap, logs = e.gap_evidence, e.gap_evidence.logs or ("LOG",)
     if gap.missing and not gap.ambiguous:
         why = "Add the effect to a copy of the robot file, and identify the arm with it."
-        command = f"{shell('dynid', 'gap', e.run, *logs)} --apply best"
+        command = f"{shell('dynid', 'gap', e.run, *logs, *gap.flags)} --apply best"
         yield Step(why, command, ("complete", "fit", "unseen motion", "physics"))
         return
     if gap.events:
         times = dict.fromkeys(f"{max(0.0, x.start):.1f}-{x.end:.1f}" for x in gap.events)
         without = [word for time in times for word in ("--exclude", time)]
         why = "Search again without the disturbances, or look for a contact or a cable there."
-        yield Step(why, shell("dynid", "gap", e.run, *logs, *without), ("complete",))
+        yield Step(why, shell("dynid", "gap", e.run, *logs, *gap.flags, *without), ("complete",))
     if gap.unrepeatable and not gap.events:
         why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
         yield Step(why, shell("dynid", "check", logs[0], "--robot", e.robot), ("complete",))

@@ -613,7 +613,10 @@ class _Search:
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         gap = self._recorded(analysis, question, why)
-        return replace(gap, recordings=tuple(logs), before=tuple(earlier), signals=options)
+        flags = self.options.flags("ask", "mode", "effects", "joints", "false_alarm", "max_effects")
+        return replace(
+            gap, recordings=tuple(logs), before=tuple(earlier), signals=options, flags=flags
+        )
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
