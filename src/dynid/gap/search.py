@@ -341,9 +341,10 @@ class Search:
         return State(tuple(named), tuple(added), sized, rows, self._candidates(rows, added))
 
     def _look_instead(self, state: State) -> None:
-        """Look at what explains the rows in place of each name, itself included."""
+        """Look at what explains the rows in place of each name that is told, itself included."""
         self.instead = [
-            self.looks(state.without(k), one.place.key) for k, one in enumerate(state.named)
+            [] if one.place.always else self.looks(state.without(k), one.place.key)
+            for k, one in enumerate(state.named)
         ]
 
     def _exchanged(self, state: State) -> State:
@@ -351,6 +352,8 @@ class Search:
         for _ in range(EXCHANGES):
             self._look_instead(state)
             for k, one in enumerate(state.named):
+                if one.place.always:
+                    continue
                 best = simplest(self.instead[k], self.sure)
                 others = [x for i, x in enumerate(state.named) if i != k]
                 if best is None or best.log_odds < self.sure:

@@ -45,6 +45,7 @@ CHANGES = {
     "joint_elasticity": -7.0,
     "backlash": -7.0,
     "gear_friction": -7.0,
+    "presliding_hysteresis": -7.0,
 }
 #: Log odds against a torque sensor that hears a joint which is no neighbour: one of twenty. evidence: none, a round
 #: number.
