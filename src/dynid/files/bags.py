@@ -9,26 +9,35 @@ from __future__ import annotations
 import bz2
 import io
 import re
+import struct
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynid.errors import BagTruncated, DynidError, Finding, LogNotFound
-from dynid.files.messages import Broken, Collector, Topic
+from dynid.files import tuning
+from dynid.files.messages import NANOSECONDS, Broken, Collector, Messages, Topic, taken
 from dynid.log import Log
 from dynid.npz import bounded
 from dynid.text import shell
+
+if TYPE_CHECKING:
+    from rosbags.rosbag2 import Reader
 
 #: Suffixes of the files that recorders of ROS 2 write.
 ROS2 = (".db3", ".mcap")
 #: First line of a bag of version 2.0.
 MAGIC = b"#ROSBAG V2.0\n"
-_MESSAGE, _CHUNK, _CONNECTION = (bytes([code]) for code in (2, 5, 7))
+_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2, 5, 6, 7))
+#: What stands before a time in a header, and the bytes of both.
+_TIME, _TIMED = b"\r\0\0\0time=", 17
+_SIZE = struct.Struct("<I").unpack_from
 #: Fields of a header by name; b"" for those that are not there.
 Fields = defaultdict[bytes, bytes]
 
@@ -50,10 +59,8 @@ def read_topics(
     reasons = []
     for part in parts_of(path):
         try:
-            for topic, arrival, raw in _messages(part, names):
-                if topic.name not in collectors:
-                    collectors[topic.name] = Collector(topic)
-                collectors[topic.name].add(arrival, raw)
+            for some in _scan(part, names):
+                collectors.setdefault(some.topic.name, Collector(some.topic)).add(some)
         except Broken as error:
             reasons.append(f"{part.name}: {error}" if part != path else str(error))
     groups = {name: logs for name, one in collectors.items() if (logs := one.logs())}
@@ -83,13 +90,11 @@ def list_topics(path: Path) -> dict[str, Topic]:
     counts = Counter[Topic]()
     for part in parts_of(path):
         try:
-            with _opened(part) as reader:
-                for each in reader.connections:
-                    counts[_topic(each, part)] += each.msgcount
+            counts.update(_counted(part))
         except Broken as error:
             with suppress(Broken):
-                walked = () if part.suffix in ROS2 else _walked(part)
-                counts.update(topic for topic, _, _ in walked)
+                for some in _scan(part) if part.suffix not in ROS2 else ():
+                    counts[some.topic] += len(some.starts)
             if not counts:
                 raise _nothing_readable(part, str(error)) from None
     return {topic.name: replace(topic, count=count) for topic, count in counts.items()}
@@ -100,27 +105,15 @@ def parts_of(path: Path) -> list[Path]:
 
     Raises:
         LogNotFound: a folder without any.
-        BagTruncated: a file is empty, or a database was not closed.
     """
-    parts = [path]
-    if path.is_dir():
-        parts = [part for part in path.iterdir() if part.suffix in ROS2 and part.is_file()]
+    if not path.is_dir():
+        return [path]
+    parts = [part for part in path.iterdir() if part.suffix in ROS2 and part.is_file()]
     if not parts:
         fix = "check the path"
         for packed in path.glob("*.zstd"):
             fix = f"unpack it with: {shell('zstd', '-d', packed)}"
         raise LogNotFound(f"{path} has no .db3 or .mcap file", where=path, fix=fix)
-    for part in parts:
-        if not part.stat().st_size:
-            text = f"{part.name} is empty: nothing was recorded"
-            raise BagTruncated(text, where=part, fix="record again")
-        journal = part.with_name(f"{part.name}-wal")
-        if journal.is_file() and journal.stat().st_size:
-            raise BagTruncated(
-                f"{part.name} was not closed: messages wait in {journal.name}",
-                where=part,
-                fix=shell("sqlite3", part, "PRAGMA wal_checkpoint(TRUNCATE)"),
-            )
     # Why: rosbag2 numbers the parts of a recording at the end of their names, 9 before 10.
     return sorted(parts, key=lambda p: ([int(k) for k in re.findall(r"\d+", p.stem)[-1:]], p.name))
 
@@ -141,29 +134,79 @@ def _nothing_readable(path: Path, reason: str) -> BagTruncated:
     return BagTruncated(text, where=path, fix=fix)
 
 
-def _messages(part: Path, names: Collection[str]) -> Iterator[tuple[Topic, int, bytes]]:
-    """Yield topic, time of arrival [ns] and bytes of the readable messages of some topics; ``Broken`` behind them."""
-    if part.suffix not in ROS2:
-        yield from (each for each in _walked(part) if each[0].name in names)
+def _counted(part: Path) -> Counter[Topic]:
+    """Return the numbers of messages that the index of a file gives."""
+    counts, known = Counter[Topic](), dict[bytes, Topic]()
+    if part.suffix in ROS2:
+        with _opened(part) as reader:
+            for each in reader.connections:
+                counts[_topic(each)] += each.msgcount
+        if not counts:
+            raise Broken("it names no topic")
+        return counts
+    for op, fields, data in _walk(part, chunks=False):
+        if op == _CONNECTION:
+            counts[_remembered(fields, data, known)] += 0
+        elif op == _CHUNK_INFO:
+            for number, count in struct.iter_unpack("<4sI", data[: len(data) // 8 * 8]):
+                if number not in known:
+                    raise Broken("its index is damaged")
+                counts[known[number]] += count
+    return counts
+
+
+def _scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Messages]:
+    """Yield the readable messages of some topics of a file, all when None; ``Broken`` behind them."""
+    if part.suffix in ROS2:
+        with _opened(part) as reader:
+            wanted = [each for each in reader.connections if topics is None or each.topic in topics]
+            for each in wanted:
+                messages = reader.messages([each])
+                while some := list(islice(messages, tuning.MESSAGES)):
+                    _, arrival, raws = zip(*some, strict=True)
+                    edges = np.cumsum([0, *map(len, raws)])
+                    content = np.frombuffer(b"".join(raws), np.uint8)
+                    yield Messages(_topic(each), np.array(arrival), content, edges[:-1], edges[1:])
         return
-    with _opened(part) as reader:
-        topics = {each.id: _topic(each, part) for each in reader.connections if each.topic in names}
-        wanted = [each for each in reader.connections if each.id in topics]
-        for each, arrival, raw in reader.messages(wanted) if wanted else ():
-            yield topics[each.id], arrival, raw
+    known: dict[bytes, Topic] = {}
+    damage = None
+    for op, fields, data in _walk(part):
+        if op == _CHUNK:
+            try:
+                for block in _messages(_unpacked(fields, data, part), known):
+                    if topics is None or block.topic.name in topics:
+                        yield block
+            except Broken as error:
+                damage = damage or error
+    if damage:
+        raise damage
 
 
-# ---------------------------------------------------------------- with an index
+# ---------------------------------------------------------------- ROS 2
+def _topic(each: Any) -> Topic:  # noqa: ANN401
+    return Topic(each.topic, each.msgtype.replace("/msg/", "/"), True)
+
+
 @contextmanager
-def _opened(part: Path) -> Iterator[Any]:
-    """Open a file of a recording with rosbags; ``Broken`` where it is damaged or has no index."""
-    from rosbags import rosbag1, rosbag2
+def _opened(part: Path) -> Iterator[Reader]:
+    """Open one file of a recording of ROS 2; ``Broken`` where it is damaged."""
+    from rosbags.rosbag2 import Reader
 
+    if not part.stat().st_size:
+        raise BagTruncated(
+            f"{part.name} is empty: nothing was recorded", where=part, fix="record again"
+        )
+    journal = part.with_name(f"{part.name}-wal")
+    if journal.is_file() and journal.stat().st_size:
+        raise BagTruncated(
+            f"{part.name} was not closed: messages wait in {journal.name}",
+            where=part,
+            fix=shell("sqlite3", part, "PRAGMA wal_checkpoint(TRUNCATE)"),
+        )
     try:
-        with (rosbag2 if part.suffix in ROS2 else rosbag1).Reader(part) as reader:
-            if part.suffix == ".mcap":
-                for chunk in reader.storage.chunks:
-                    bounded(chunk.compressed_size, chunk.uncompressed_size, part)
+        with Reader(part) as reader:
+            for chunk in getattr(reader.storage, "chunks", ()):
+                bounded(chunk.compressed_size, chunk.uncompressed_size, part)
             yield reader
     except (DynidError, PermissionError):
         raise
@@ -172,64 +215,75 @@ def _opened(part: Path) -> Iterator[Any]:
         raise Broken(str(error) or type(error).__name__) from None
 
 
-def _topic(each: Any, part: Path) -> Topic:  # noqa: ANN401
-    return Topic(each.topic, each.msgtype.replace("/msg/", "/"), part.suffix in ROS2)
-
-
-# ---------------------------------------------------------------- ROS 1, without its index
-def _walked(path: Path) -> Iterator[tuple[Topic, int, bytes]]:
-    """Yield topic, time of arrival [ns] and bytes of the messages of a bag, chunk by chunk.
+# ---------------------------------------------------------------- ROS 1
+def _walk(path: Path, *, chunks: bool = True) -> Iterator[tuple[bytes, Fields, bytes]]:
+    """Yield kind, header and data of each record of a bag; ``chunks`` says whether with those of chunks.
 
     Raises:
-        Broken: behind the last readable message, where one was not or there is no index.
+        Broken: behind the last readable record, or where there is no index.
+        BagTruncated: the bag is empty.
         LogNotFound: it is no bag that can be read.
     """
-    known: dict[bytes, Topic] = {}
-    index, damage = 0, None
     with path.open("rb") as stream:
-        _require_bag(path, stream.read(len(MAGIC)))
-        for kind, chunk in _records(stream):
-            index = index or int.from_bytes(kind[b"index_pos"], "little")
-            if kind[b"op"] != _CHUNK:
+        start, index = stream.read(len(MAGIC)), 0
+        if not start:
+            raise BagTruncated(
+                f"{path.name} is empty: nothing was recorded", where=path, fix="record again"
+            )
+        if not start.startswith(b"#ROSBAG V"):
+            fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
+            raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=path, fix=fix)
+        if start != MAGIC:
+            version = start.decode("latin-1").strip()
+            raise LogNotFound(
+                f"{path.name} has the format {version}; dynid reads V2.0",
+                where=path,
+                fix="convert it with: rosbag fix",
+            )
+        while head := stream.read(4):
+            fields = _fields(stream.read(int.from_bytes(head, "little")))
+            op, size = fields[b"op"], int.from_bytes(stream.read(4), "little")
+            index = index or int.from_bytes(fields[b"index_pos"][:8], "little")
+            if op == _CHUNK and not chunks:
+                stream.seek(size, 1)
                 continue
-            try:
-                for fields, data in _records(io.BytesIO(_unpacked(kind, chunk, path))):
-                    number, time = fields[b"conn"], fields[b"time"]
-                    if fields[b"op"] == _CONNECTION:
-                        known[number] = _connected(_fields(data) | fields)
-                    elif fields[b"op"] == _MESSAGE and number in known:
-                        seconds, rest = (int.from_bytes(x, "little") for x in (time[:4], time[4:]))
-                        yield known[number], seconds * 10**9 + rest, data
-            except Broken as error:
-                damage = damage or error
+            # Why the rest: a chunk is given its size when it is closed; an open one reaches to the end of the file.
+            data = stream.read(size or -1 if op == _CHUNK else size)
+            yield op, fields, data
+            if len(data) < size:
+                raise Broken("it ends in the middle of a record")
         if not index or index >= path.stat().st_size:
             raise Broken("it was never closed, or ends before its index: there is no index")
-    if damage:
-        raise damage
 
 
-def _require_bag(path: Path, start: bytes) -> None:
-    """Raise where a file does not begin as a bag of version 2.0."""
-    if not start.startswith(b"#ROSBAG V"):
-        fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
-        raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=path, fix=fix)
-    if start != MAGIC:
-        text = f"{path.name} has the format {start.decode('latin-1').strip()}; dynid reads V2.0"
-        raise LogNotFound(text, where=path, fix="convert it with: rosbag fix")
-
-
-def _records(stream: IO[bytes]) -> Iterator[tuple[Fields, bytes]]:
-    """Yield header and data of each record, which a bag and its chunks consist of; ``Broken`` behind a cut one."""
-    while head := stream.read(4):
-        fields = _fields(stream.read(int.from_bytes(head, "little")))
-        size = int.from_bytes(stream.read(4), "little")
-        # Why the rest: a chunk is given its size when it is closed; an open one reaches to the end of the file.
-        is_chunk = fields[b"op"] == _CHUNK
-        data = stream.read(size or -1 if is_chunk else size)
-        if is_chunk or len(data) == size:
-            yield fields, data
-        if len(data) < size:
-            raise Broken("it ends in the middle of a record")
+def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
+    """Yield the messages of a chunk, whose topics become known; ``Broken`` behind them where one is damaged."""
+    at, places_of = 0, defaultdict[bytes, list[int]](list)
+    with suppress(struct.error):
+        while at < len(chunk):
+            body = at + 8 + _SIZE(chunk, at)[0]
+            end = body + _SIZE(chunk, body - 4)[0]
+            if end > len(chunk):
+                break
+            head = chunk[at + 4 : body - 4]
+            time = head.find(_TIME)
+            # Why: headers of the messages of a topic differ in the time alone.
+            places_of[head[:time] + head[time + _TIMED :]] += at, body, end
+            at = end
+    content = np.frombuffer(chunk, np.uint8)
+    for places in places_of.values():
+        starts, bodies, ends = np.reshape(places, (-1, 3)).T
+        head = chunk[starts[0] + 4 : bodies[0] - 4]
+        fields = _fields(head)
+        number = fields[b"conn"]
+        if fields[b"op"] == _CONNECTION:
+            _remembered(fields, chunk[bodies[0] : ends[0]], known)
+        elif fields[b"op"] == _MESSAGE and number in known:
+            times = starts + 4 + head.find(_TIME) + len(_TIME)
+            arrival = taken(content, times, 2, "<u4") @ NANOSECONDS
+            yield Messages(known[number], arrival, content, bodies, ends)
+    if at < len(chunk):
+        raise Broken("it ends in the middle of a record")
 
 
 def _fields(header: bytes) -> Fields:
@@ -245,12 +299,15 @@ def _fields(header: bytes) -> Fields:
     return fields
 
 
-def _connected(facts: Fields) -> Topic:
-    """Return the topic of a connection, which messages name by its number."""
+def _remembered(fields: Fields, data: bytes, known: dict[bytes, Topic]) -> Topic:
+    """Return the topic of a connection; messages name it by its number."""
+    facts = _fields(data) | fields
     name, kind, md5 = (
-        facts[key].decode("utf-8", "replace") for key in (b"topic", b"type", b"md5sum")
+        facts.get(key, b"").decode("utf-8", "replace") for key in (b"topic", b"type", b"md5sum")
     )
-    return Topic(re.sub("/+", "/", name).removesuffix("/"), kind, md5=md5)
+    name = re.sub("/+", "/", name).removesuffix("/")
+    topic = known[fields[b"conn"]] = Topic(name, kind, md5=md5)
+    return topic
 
 
 def _unpacked(fields: Fields, data: bytes, path: Path) -> bytes:

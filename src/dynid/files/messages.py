@@ -1,39 +1,46 @@
-"""Raw messages of ROS -> logs.
+"""Raw messages of ROS -> logs; messages that differ only in their numbers are decoded together.
 
-Only the layouts below are decoded, by rosbags: the definition that a recording carries is never interpreted.
+``bags`` says where messages stand in its bytes; ``Collector`` keeps their numbers, grouped by
+the joint names they carry (an arm and its gripper often share a topic). Only the layouts below are decoded: the
+definition that a recording carries is never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR,
+version 1).
 """
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
-from dynid.arrays import Floats
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import WrongMessageType
 from dynid.files import tuning
 from dynid.log import Log
 
+Bytes = NDArray[np.uint8]
+Times = NDArray[np.int64]
+#: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns], stamp 0 where a message has none; ``position``,
+#: ``velocity`` and ``effort``, (N, n), NaN where messages have none.
+Columns = dict[str, NDArray[Any]]
 FIELDS = ("position", "velocity", "effort")
+#: Parts of a stamp of seconds and nanoseconds [ns].
+NANOSECONDS = np.array([10**9, 1])
+
 MULTI_ARRAY = "std_msgs/Float64MultiArray"
 KINOVA_TYPES = ("kinova_msgs/JointAngles", "kinova_msgs/JointTorque", "kinova_msgs/JointVelocity")
-_SEVEN = [f"joint{i}" for i in range(1, 8)]
-_SEVEN_FLOATS = "\n".join(f"float32 {name}" for name in _SEVEN)
-#: Checksums of the definitions in ROS 1 that can be decoded.
+_SEVEN = "\n".join(f"float32 joint{i}" for i in range(1, 8))
+#: Checksums of the definitions in ROS 1 that the decoders below were written for.
 CHECKSUMS = {
     JOINT_STATE: "3066dcd76a6cfaef579bd0f34173e9fd",
     MULTI_ARRAY: "4b7d974086d4060e7db4613a7e6c3ba4",
-    **dict.fromkeys(
-        KINOVA_TYPES, hashlib.md5(_SEVEN_FLOATS.encode(), usedforsecurity=False).hexdigest()
-    ),
+    **dict.fromkeys(KINOVA_TYPES, hashlib.md5(_SEVEN.encode(), usedforsecurity=False).hexdigest()),
 }
-#: What a frame of zstd begins with.
-_ZSTD = b"\x28\xb5\x2f\xfd"
-#: Time of arrival and stamp [ns], 0 where a message has none; numbers of each of ``FIELDS``, (3, n), NaN where none.
-Row = tuple[int, int, Floats]
+#: What a little-endian message in CDR begins with, and a frame of zstd.
+_CDR, _ZSTD = b"\0\1", b"\x28\xb5\x2f\xfd"
 
 
 class Broken(Exception):
@@ -63,6 +70,30 @@ class Topic:
         return f"{self.name} ({self.type.split('/')[-1]}, {self.count})"
 
 
+class Messages(NamedTuple):
+    """Some messages of a topic.
+
+    Attributes:
+        topic: their topic.
+        arrival: times of arrival, (N,) [ns].
+        content: bytes in which they stand.
+        starts: where each begins in them, (N,).
+        ends: where each ends, (N,).
+    """
+
+    topic: Topic
+    arrival: Times
+    content: Bytes
+    starts: Times
+    ends: Times
+
+
+def taken(content: Bytes, starts: Times, count: int, kind: str = "u1") -> NDArray[Any]:
+    """Return so many numbers of a type, as NumPy writes it, from each place on, (N, count)."""
+    return sliding_window_view(content, count * np.dtype(kind).itemsize)[starts].view(kind)
+
+
+# ---------------------------------------------------------------- messages to columns
 class Collector:
     """Takes the messages of one topic, keeps their numbers.
 
@@ -85,72 +116,131 @@ class Collector:
                 why="dynid decodes the standard layout only",
                 fix="record with the standard definition of this message",
             )
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
         self.reason = ""
         self._topic = topic
-        self._type = topic.type.replace("/", "/msg/")
-        store = get_typestore(Stores.LATEST if topic.cdr else Stores.ROS1_NOETIC)
-        if topic.type in KINOVA_TYPES:
-            store.register(get_types_from_msg(_SEVEN_FLOATS, self._type))
-        self._decode: Any = store.deserialize_cdr if topic.cdr else store.deserialize_ros1
-        # By the joints that messages carry: names in the order of the first message, rows, fields with numbers.
-        self._groups: dict[tuple[str, ...] | int, tuple[tuple[str, ...], list[Row], set[str]]] = {}
+        # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
+        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns], set[str]]] = {}
 
-    def add(self, arrival: int, raw: bytes) -> None:
-        """Take a message and its time of arrival [ns]."""
-        if self._topic.cdr and raw[:4] == _ZSTD:
+    def add(self, some: Messages) -> None:
+        """Take messages, those of one length and layout in one go."""
+        lengths = some.ends - some.starts
+        for length in np.unique(lengths).tolist():
+            rest = np.flatnonzero(lengths == length)
+            table = taken(some.content, some.starts[rest], length)
+            while len(rest):
+                try:
+                    layout = _Layout(table[0].tobytes(), self._topic)
+                    alike = np.all(table[:, layout.equal] == table[0, layout.equal], axis=1)
+                    which = rest[alike]
+                    self._keep(layout, some.arrival[which], some.content, some.starts[which])
+                except Broken as error:
+                    self.reason = str(error)
+                    alike = np.all(table == table[0], axis=1)
+                rest, table = rest[~alike], table[~alike]
+
+    def logs(self) -> list[Log]:
+        """Return one raw log for each set of joint names, the largest first."""
+        logs = (_log(*group, self._topic.name) for group in self._groups.values())
+        return sorted(logs, key=len, reverse=True)
+
+    def _keep(self, layout: _Layout, arrival: Times, content: Bytes, starts: Times) -> None:
+        names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
+        first, blocks, filled = self._groups.setdefault(
+            frozenset(names) or width, (names, [], set())
+        )
+        order = [names.index(name) for name in first] or slice(None)
+        kind = "<f4" if self._topic.type in KINOVA_TYPES else "<f8"
+        stamp = np.zeros(len(starts), np.int64)
+        if self._topic.type == JOINT_STATE:
+            stamp = taken(content, starts + 4, 2, "<u4") @ NANOSECONDS
+        block = {"arrival": arrival, "stamp": stamp}
+        for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
+            # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
+            block[key] = np.full((len(starts), width), np.nan)
+            filled.update({key} if count else ())
+            if count == width:
+                block[key] = taken(content, starts + place, count, kind)[:, order]
+        blocks.append(block)
+
+
+class _Layout:
+    """Where a message has what: found by walking over it once.
+
+    Attributes:
+        names: of the joints; () where messages of this type have none.
+        fields: start [byte] and count of the numbers of each of ``FIELDS``.
+        equal: bytes in which messages of this layout agree, (length,).
+
+    Raises:
+        Broken: the bytes are not a message of this type.
+        WrongMessageType: it is compressed.
+    """
+
+    def __init__(self, raw: bytes, topic: Topic) -> None:
+        if topic.cdr and raw[:4] == _ZSTD:
             raise WrongMessageType(
                 "every message of the recording is compressed (zstd)",
                 why="dynid reads messages as they were sent, and MCAP whose chunks are compressed",
                 fix="ros2 bag convert without compression_mode, or record without --compression-mode message",
             )
-        try:
-            message = self._decode(raw, self._type)
-        # Why all: of damaged bytes rosbags raises whatever it meets.
-        except Exception as error:  # noqa: BLE001
-            self.reason = f"a message is damaged: {str(error) or type(error).__name__}"
-            return
-        names: tuple[str, ...] = ()
-        stamp = 0
-        if self._topic.type == JOINT_STATE:
-            names, time = tuple(message.name), message.header.stamp
-            stamp = time.sec * 10**9 + time.nanosec
-            fields = [message.position, message.velocity, message.effort]
+        if topic.cdr and raw[:2] != _CDR:
+            raise Broken("a message is not plain little-endian CDR")
+        self._raw, self._at, self._cdr = raw, 0, topic.cdr
+        self.equal = np.zeros(len(raw), dtype=bool)
+        self.names: tuple[str, ...] = ()
+        if topic.type in KINOVA_TYPES:
+            # Numbers alone: positions or torques, as whoever asks for their topic knows.
+            numbers = self._take(28), 7
+            self.fields = [numbers, (0, 0), numbers]
+        elif topic.type == MULTI_ARRAY:
+            self._take(4 * topic.cdr)
+            for _ in range(self._word()):
+                self._text(), self._word(), self._word()
+            self._word()
+            numbers = self._numbers()
+            self.fields = [numbers, (0, 0), numbers]
         else:
-            # Numbers alone: positions or torques, as whoever asks for their topic knows. Kinova's are all "angles".
-            array = self._topic.type == MULTI_ARRAY
-            numbers = message.data if array else np.array([getattr(message, x) for x in _SEVEN])
-            fields = [numbers, np.zeros(0), numbers]
-        width = len(names) or max(map(len, fields))
-        first, rows, filled = self._groups.setdefault(
-            tuple(sorted(names)) or width, (names, [], set())
-        )
-        order = [names.index(name) for name in first] or slice(None)
-        # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
-        row = np.full((len(FIELDS), width), np.nan)
-        for k, field in enumerate(fields):
-            if len(field):
-                filled.add(FIELDS[k])
-            if len(field) == width:
-                row[k] = field[order]
-        rows.append((arrival, stamp, row))
+            # Unit: bytes 4-11 are the stamp, in ROS 1 behind a sequence number, in CDR behind the encapsulation.
+            self._take(12)
+            self._take(self._word())
+            self.names = tuple(self._text() for _ in range(self._word()))
+            self.fields = [self._numbers() for _ in FIELDS]
 
-    def logs(self) -> list[Log]:
-        """Return one raw log for each set of joint names, the largest first: arm and gripper may share a topic."""
-        logs = (_log(*group, self._topic.name) for group in self._groups.values())
-        return sorted(logs, key=len, reverse=True)
+    def _take(self, size: int, align: int = 1, *, equal: bool = False) -> int:
+        """Pass over some bytes, return where they begin; CDR aligns from behind the encapsulation of four bytes."""
+        start = self._at + (4 - self._at) % align * self._cdr
+        self._at = start + size
+        if self._at > len(self._raw):
+            raise Broken("a message is too short for its type")
+        self.equal[start : self._at] = equal
+        return start
+
+    def _word(self) -> int:
+        start = self._take(4, 4, equal=True)
+        return int.from_bytes(self._raw[start : self._at], "little")
+
+    def _text(self) -> str:
+        start = self._take(self._word(), equal=True)
+        try:
+            return self._raw[start : self._at].rstrip(b"\0").decode()
+        except UnicodeDecodeError:
+            raise Broken("the names of a message are not text") from None
+
+    def _numbers(self) -> tuple[int, int]:
+        count = self._word()
+        return self._take(8 * count, 8 if count else 1), count
 
 
-def _log(names: tuple[str, ...], rows: list[Row], filled: set[str], topic: str) -> Log:
+# ---------------------------------------------------------------- columns to logs
+def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic: str) -> Log:
     """Return messages, put in the order of arrival, as a raw log.
 
     ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, the first and last ``arrival_ns``,
     and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
     """
-    rows.sort(key=lambda row: row[0])
-    arrival, stamp = (np.array([row[k] for row in rows]) for k in (0, 1))
-    position, velocity, effort = np.stack([row[2] for row in rows], axis=1)
+    order = np.argsort(np.concatenate([block["arrival"] for block in blocks]), kind="stable")
+    columns = {key: np.concatenate([block[key] for block in blocks])[order] for key in blocks[0]}
+    arrival, stamp = columns["arrival"], columns["stamp"]
     # Why: a header stamp is taken where the sample is, so it is preferred; it may run on any epoch (some drivers stamp
     # with the monotonic clock), but must tick. One clock serves the topic: two are never mixed. Zero is where
     # the clock of a converted or simulated log begins; a driver without stamps writes zeros only.
@@ -160,10 +250,10 @@ def _log(names: tuple[str, ...], rows: list[Row], filled: set[str], topic: str) 
     ns = stamp if stamped else arrival
     return Log(
         t=(ns - ns[0]) * 1e-9,
-        q=position,
-        tau=effort,
+        q=columns["position"],
+        tau=columns["effort"],
         names=names,
-        qd=velocity if "velocity" in filled else None,
+        qd=columns["velocity"] if "velocity" in filled else None,
         topic=topic,
         extra={
             "clock": "header" if stamped else "arrival",

@@ -50,6 +50,23 @@ def test_columns_follow_their_names_when_order_and_layout_change_within_a_bag(tm
     assert (log.qd, log.extra["absent"]) == (None, ("velocity",))
 
 
+def test_topics_of_equal_message_length_that_take_turns_are_told_apart(tmp_path):
+    """Also where one of them is missing now and then, and where headers are of another length than before."""
+    other = [
+        (t, ns + 5, m)
+        for k, (t, ns, m) in enumerate(state_messages(300, ("a", "b"), "/other"))
+        if k % 7
+    ]
+    mine = state_messages(300, ("a", "b"), "/mine")
+    messages = sorted(other + mine, key=lambda item: item[1])
+    for chunk in (None, 3000):
+        groups, _ = read_topics(
+            write_bag(tmp_path / f"{chunk}.bag", messages, chunk=chunk), ["/mine", "/other"]
+        )
+        for name, rows in (("/mine", np.arange(300)), ("/other", [k for k in range(300) if k % 7])):
+            assert_array_equal(groups[name][0].q[:, 1], np.array(rows) + 0.01)
+
+
 @pytest.mark.parametrize(
     ("header", "clock", "step"),
     [

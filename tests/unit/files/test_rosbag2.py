@@ -134,6 +134,23 @@ def test_a_recording_that_was_split_is_read_in_the_order_of_its_parts(store, log
     assert_array_equal(found.tau, log.tau)
 
 
+def test_joints_that_change_places_within_a_recording_keep_their_names(log, tmp_path):
+    """Messages of one length that differ in more than their numbers are not decoded together."""
+    messages = of_ros2(log, TOPIC)
+    turned = of_ros2(
+        replace(log, names=log.names[::-1], q=log.q[:, ::-1].copy(), tau=log.tau[:, ::-1].copy()),
+        TOPIC,
+    )
+    mixed = [
+        b if 100 <= k < 200 or k % 7 == 0 else a
+        for k, (a, b) in enumerate(zip(messages, turned, strict=True))
+    ]
+    found = read_log(write_mcap(tmp_path / "a.mcap", mixed), robot=lwr())
+    places = [found.names.index(name) for name in log.names]
+    assert_array_equal(found.q[:, places], log.q)
+    assert_array_equal(found.tau[:, places], log.tau)
+
+
 def test_a_folder_whose_files_are_gone_is_an_error(log, tmp_path):
     bag = FORMATS["rosbag2 with SQLite"](log, tmp_path)
     for part in bag.glob("*.db3"):
