@@ -117,7 +117,7 @@ def test_the_answer_r_opens_the_editor_and_builds_again(arm):
     editor.chmod(0o755)
     env = dict.fromkeys(("EDITOR", "VISUAL"), str(editor))
     run = arm.typing("model arm.yaml", keys=["r\n", "y\n", "y\n"], **env).good
-    assert "joints[1].a 0.3 -> 0.35" in run.err
+    assert "joints[1].a 0.3 -> 0.35" in " ".join(run.err.split())
     assert "a2 = 0.35 m" in run.out
 
 
@@ -195,7 +195,7 @@ def test_a_changed_robot_file_is_noticed_and_refused_or_built_again(done):
     assert done("model arm.yaml --reduce --rebuild").good
     edit(done, "a: 0.3", "a: 0.35")
     run = done("model arm.yaml").good
-    assert "joints[1].a 0.3 -> 0.35" in run.err
+    assert "joints[1].a 0.3 -> 0.35" in " ".join(run.err.split())
     asked = "is stale. Rebuild? -> yes (not asked: no terminal; set with --rebuild/--frozen)"
     assert asked in run.err
     assert done("model arm.yaml --frozen").good
