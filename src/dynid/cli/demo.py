@@ -158,7 +158,9 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[Answer, Ch
         The answer, and the same for the page.
     """
     hidden = workflows.demo.hidden_effect(effect, session.seed)
-    session.say("--- a simulated LWR4+ with a hidden effect: three motions, each twice", "bold")
+    session.say(
+        "--- a simulated LWR4+ with a hidden effect: three motions, each recorded twice", "bold"
+    )
     robot, logs = workflows.demo.simulate_hidden(folder, hidden, session.seed)
     added, words = folder / "with_effect", (robot, *logs[:4], "-o", folder, "--no-feasible")
     what, flags = ", on the first two motions", ("--no-report", "-f")
