@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import expit
-from scipy.stats import chi2
+from scipy.special import chdtrc, expit
 
 from dynid.arrays import Floats
 from dynid.estimation.factor import Conditional, Factor, triangle
@@ -305,7 +304,7 @@ def _described(without: Links, with_it: Links, joint: int, gain: tuple[float, ..
         length=float(np.linalg.norm(ends[1] - ends[0])),
         offsets=(offset, usual, named[1].get(f"fc{joint + 1}", 0.0)),
         sizes=np.array(with_it.fit()[1:])[:, -freedom:],
-        chance=float(chi2.sf(gain[0] + price, freedom)),
+        chance=float(chdtrc(freedom, max(0.0, gain[0] + price))),
     )
 
 
