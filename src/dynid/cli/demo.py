@@ -170,10 +170,7 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[Answer, Ch
     gap, chapter = step(session, what, "gap", searched, [f"--new-name={copy}"])
     right = workflows.demo.is_right_answer(hidden, gap)
     where = f" {hidden.size:g} on joint {hidden.joint + 1}" if hidden.size else ""
-    verdict, pictures = (
-        "right" if right else "wrong",
-        [x for x in gap["wrote"] if x.suffix == ".png"],
-    )
+    verdict = "right" if right else "wrong"
     proof = f"{shell('dynid', 'validate', added, logs[-1])} --cutoff 10"
     chapter = replace(
         chapter,
@@ -181,7 +178,8 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[Answer, Ch
         commands=(*first.commands, *chapter.commands, *[proof] * bool(gap["named"])),
         pictures=tuple(
             (path, CAPTIONS.get(path.stem, "The named effect on the held-out motion."))
-            for path in pictures
+            for path in gap["wrote"]
+            if path.suffix == ".png"
         ),
     )
     facts = {

@@ -59,6 +59,10 @@ def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) 
     return plan
 
 
+#: What may be answered: a slip of the keyboard is asked again, and ends nothing.
+ALPHA = click.FloatRange(0, 1, min_open=True)
+
+
 @dynid_command(
     "trajectory",
     examples=(
@@ -151,10 +155,10 @@ def command(
         if reply is Reply.YES or not can_ask(session) or session.yes:
             inputs = work.plan_inputs(robot, options, files)
             return saved(session, path, planned, inputs, look if reply is Reply.YES else None)
-        alpha = click.prompt("alpha", default=options.alpha, err=True)
+        alpha = click.prompt("alpha", default=options.alpha, type=ALPHA, err=True)
         seed = click.prompt("seed", default=options.seed + 1, err=True)
         options = replace(options, alpha=alpha, seed=seed)
-        session.stage("again", "with these; a changed waypoint file is read again")
+        session.stage("again", f"alpha {alpha:g}, seed {seed}; waypoints are read again")
 
 
 def saved(

@@ -210,8 +210,12 @@ def gap_evidence(
     nothing = str(record["verdict"]).startswith("nothing")
     events = (Event(**event) for event in record.get("events", ()))
     errors = {"before": "before", "after": "after", "noise": "floor", "known": "known"}
-    names = {"joints": "joint_names", "unrepeatable": "not_repeatable"}
-    names |= {"more": "more", "flags": "flags"}
+    names = {
+        "joints": "joint_names",
+        "unrepeatable": "not_repeatable",
+        "more": "more",
+        "flags": "flags",
+    }
     known: dict[str, Any] = {key: tuple(map(float, arrays[x])) for key, x in errors.items()}
     known |= {key: tuple(map(str, record.get(x, ()))) for key, x in names.items()}
     return GapEvidence(

@@ -15,15 +15,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynid.arrays import Floats, Mask
+from dynid.arrays import Floats, Ints, Mask
 from dynid.errors import LogTooShort, RankDeficient
 from dynid.estimation import tuning
 from dynid.estimation.factor import triangle
-
-Ints = NDArray[np.int64]
-
 
 #: Length of a column, relative to the longest, that is nothing but rounding.
 ROUNDING = 1e-15

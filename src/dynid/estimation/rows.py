@@ -20,16 +20,13 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from dynid.arrays import Floats, Mask
+from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation import tuning
 from dynid.estimation.factor import triangle
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, decimate
-
-Ints = NDArray[np.int64]
 
 #: Arrays of rows that are joined and taken.
 ARRAYS = ("W", "tau", "use", "t", "log", "block", "begins")

@@ -129,5 +129,7 @@ def _table(path: Path, rate: float | None) -> Inspected:
             f"follow from their names"
         )
         unknown = Finding("W330", "warning", text, {"columns": columns})
-        return Inspected((), (unknown,), {}, tuple(columns), template(columns))
-    return Inspected((log,), log.findings, {}, tuple(columns), patterns)
+        return Inspected(
+            logs=(), findings=(unknown,), columns=tuple(columns), patterns=template(columns)
+        )
+    return Inspected(logs=(log,), findings=log.findings, columns=tuple(columns), patterns=patterns)

@@ -162,11 +162,11 @@ def read_npz_log(path: Path) -> Log:
     }
     effort = units.get("effort")
     log = Log(
-        arrays[t],
-        arrays[q],
-        arrays[tau],
-        names,
-        arrays.get("qd"),
+        t=arrays[t],
+        q=arrays[q],
+        tau=arrays[tau],
+        names=names,
+        qd=arrays.get("qd"),
         source=path,
         topic=str(header.get("topic", "")),
         tau_unit="A" if effort in ("A", "mA") else "Nm" if effort else "",

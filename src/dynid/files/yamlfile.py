@@ -236,7 +236,9 @@ def _number_advice(raw: str) -> str:
     """Say what to write for a text that was meant as a number, in whatever notation."""
     meant = number_or_nan(raw.replace(",", "."))
     return (
-        f"is something else in YAML; write {meant!r}" if math.isfinite(meant) else "is not a number"
+        f"is not read as that number by YAML; write {meant!r}"
+        if math.isfinite(meant)
+        else "is not a number"
     )
 
 

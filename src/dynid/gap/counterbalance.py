@@ -87,7 +87,8 @@ class Links:
         )
         R = triangle(left.rows)
         rows = np.column_stack([R[:p, :p] @ base.reduction.K, R[:p, p]])
-        return cls(base, rows, float(R[p, p] ** 2), others.conditional, len(X))
+        rest = float(R[p, p] ** 2)
+        return cls(base=base, rows=rows, rest=rest, others=others.conditional, count=len(X))
 
     def fitted(self, *, sized: bool = True) -> tuple[PhysicalParameters, PhysicalConstraints]:
         """Return the best possible arm, and the prior of links in the size that the rows prefer, or as it is."""

@@ -305,10 +305,9 @@ class Evidence:
         gram, side, torques = self.prior[np.ix_(T, T)], np.zeros(len(T)), []
         for j, model in enumerate(self.joints):
             torque, behind = np.zeros(len(model.plain)), model.own + 1
-            if j in joints and part is None:
-                torque[model.errors : model.own] = size
-            elif j in joints and part is not None:
-                torque[behind:][part] = size
+            if j in joints:
+                own = torque[model.errors : model.own] if part is None else torque[behind:][part]
+                own[:] = size
             gram = gram + model.plain[behind:, behind:][np.ix_(T, T)]
             side += model.plain[behind + T] @ torque
             torques.append(torque)

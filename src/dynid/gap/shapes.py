@@ -14,7 +14,7 @@ from scipy.special import logsumexp, softmax
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
-from dynid.gap.candidates import Candidate, Place, candidate, gains
+from dynid.gap.candidates import Candidate, Gains, Place, candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
 from dynid.gap.gap_rows import EffectColumns
 from dynid.model.effects.interface import Effect
@@ -100,6 +100,13 @@ def closer(steps: Floats, wide: Floats, spread: Floats) -> Floats:
     return np.asarray(wide[:, None] * axes * (half / HALF))
 
 
+def resolves(steps: Floats, spread: Floats) -> bool:
+    """Return whether the points of a lattice lie close beside a covariance, (d, d), and reach beyond it."""
+    within = np.linalg.solve(steps, np.linalg.solve(steps, spread).T)
+    close, inside = np.linalg.eigvalsh(within) > RESOLVED**2, np.diag(within) < (HALF / REACH) ** 2
+    return bool(close.all() and inside.all())
+
+
 def over_shapes(
     evidence: Evidence,
     ways: Sequence[EvidenceRows],
@@ -140,11 +147,7 @@ def over_shapes(
         x = np.array([in_steps(effect, each) for each in shapes[:count]])
         mean = likely @ x
         spread = (x - mean).T @ ((x - mean) * likely[:, None])
-        within = np.linalg.solve(steps, np.linalg.solve(steps, spread).T)
-        resolved = np.all(np.linalg.eigvalsh(within) > RESOLVED**2) and np.all(
-            np.diag(within) < (HALF / REACH) ** 2
-        )
-        if not effect.steps or (resolved and not between) or closing == CLOSINGS - 1:
+        if not effect.steps or closing == CLOSINGS - 1 or (not between and resolves(steps, spread)):
             break
         center, steps = mean, closer(steps, wide, spread)
     # How many of these lie within all that may be.
@@ -153,19 +156,25 @@ def over_shapes(
     for name in effect.steps:
         away = np.array([each[name] - shape[name] for each in shapes[:count]])
         errors[name] = float(np.sqrt(likely @ away**2))
-    log_odds = float(logsumexp(odds[:, :count]) - np.log(len(ways) * points))
-    numbers = mixed(weights, [one.amplitudes for one in gained], [one.covariance for one in gained])
-    return OverShapes(log_odds, best, float(gained[way].scale[g]), shape, errors, *numbers)
+    amplitudes, covariance = mixed(weights, gained)
+    return OverShapes(
+        log_odds=float(logsumexp(odds[:, :count]) - np.log(len(ways) * points)),
+        best=best,
+        scale=float(gained[way].scale[g]),
+        shape=shape,
+        shape_errors=errors,
+        amplitudes=amplitudes,
+        covariance=covariance,
+    )
 
 
-def mixed(
-    weights: Floats, sizes: Sequence[Floats], spreads: Sequence[Floats]
-) -> tuple[Floats, Floats]:
-    """Return mean and covariance, (k,) and (k, k), of a mixture of weights (W, G), each with its own."""
-    x, count = np.array(sizes), weights.shape[1]
-    mean = np.tensordot(weights, x[:, :count], 2)
-    off = x[:, :count] - mean
-    spread = np.array(spreads)[:, :count] + off[..., None] * off[..., None, :]
+def mixed(weights: Floats, gained: Sequence[Gains]) -> tuple[Floats, Floats]:
+    """Return mean and covariance of amplitudes, (k,) and (k, k), of a mixture with weights (W, G)."""
+    count = weights.shape[1]
+    sizes = np.array([one.amplitudes[:count] for one in gained])
+    mean = np.tensordot(weights, sizes, 2)
+    off, spreads = sizes - mean, np.array([one.covariance[:count] for one in gained])
+    spread = spreads + off[..., None] * off[..., None, :]
     return mean, np.tensordot(weights, spread, 2)
 
 

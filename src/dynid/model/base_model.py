@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.answer import Answer, Answered, Part
+from dynid.answer import Answer, Answered
 from dynid.arrays import Floats
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
@@ -137,8 +137,11 @@ class BaseModel(Answered):
     def answer(self) -> Answer:
         """Return the table of classes, and what each combination is made of."""
         relations = [f"  {each}" for each in (*self.relations.values(), self.where) if each]
-        parts: list[Part] = ["", self.class_table(), self.legend, *relations]
-        return Answer({"robot": self.robot.name}, self.sentence, parts, details=(self.table(),))
+        return Answer(
+            {"robot": self.robot.name},
+            self.sentence,
+            ("", self.class_table(), self.legend, *relations),
+        )
 
 
 #: Base models that are kept in memory, by the key of their robot: naming its relations takes a second.

@@ -271,9 +271,10 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
             **{f"torque_max_{'a' if summary.torque_unit == 'A' else 'nm'}": "torque_max"},
         ),
     }
-    gaps = f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
+    gaps = "no gaps"
+    if summary.gaps:
+        gaps = f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
     rate = f"{summary.rate:.1f} Hz +-{100 * summary.jitter:.1f} %"
-    gaps = gaps if summary.gaps else "no gaps"
     least = robot.joint_names.index(summary.least_moving)
     unit = joint_unit("rad/s", revolute=robot.joints[least].revolute)
     slowest = f"({summary.rms_velocity[least]:.2f} {unit} rms)"

@@ -301,10 +301,8 @@ class Gap(Judged, GapRecord):
         if text == "best":
             return self.named
         name, _, where = text.partition("@")
-        joints, every = (
-            joint_indices(self.joint_names, where, "--apply"),
-            (*self.named, *self.closest),
-        )
+        joints = joint_indices(self.joint_names, where, "--apply")
+        every = (*self.named, *self.closest)
         matching = tuple(
             one
             for one in every

@@ -411,7 +411,7 @@ def identify_run(
     may_write: Callable[[Path, Mapping[str, str]], bool] = lambda path, inputs: True,
     header: Callable[[Mapping[str, str]], dict[str, Any]],
 ) -> tuple[Answer, BaseModel]:
-    """Identify in a folder and return what is answered, and the base model; with equal inputs the result there is it.
+    """Identify in a folder, or with equal inputs take the result that is there; return the answer and the base model.
 
     Args:
         robot: the arm.
@@ -455,7 +455,7 @@ def identify_run(
         else:
             seen = load_observations(RunFolder(folder).stack, base)
         result = identify(robot, seen, options, update=earlier)
-        own = {k: v for k, v in inputs.items() if k in ("robot", *READING) or k[:4] == "log "}
+        own = {k: v for k, v in inputs.items() if k in ("robot", *READING) or k.startswith("log ")}
         if paths and not reused:
             wrote.append(seen.save_stack(folder, header(own)))
         if not reused:

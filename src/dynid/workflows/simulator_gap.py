@@ -57,11 +57,8 @@ def compare_in_simulator(
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
     given = as_results(results)
-    count, last = len(given), given[-1]
-    robot, options = (
-        given[0].robot,
-        LogOptions(cutoff=given[0].cutoff or None, delay=given[0].delay),
-    )
+    first, last, count = given[0], given[-1], len(given)
+    robot, options = first.robot, LogOptions(cutoff=first.cutoff or None, delay=first.delay)
     recording = as_log(log, robot, options)
     arguments.words(engine, "engine", ("mujoco", "pybullet"))
     usual = ("before", "after") if count == 2 else tuple(f"{k + 1}" for k in range(count))
@@ -75,11 +72,11 @@ def compare_in_simulator(
         raise arguments.refused("seconds", "a length in seconds, or None for all", seconds)
     with heard_by():
         checked = checked_log(recording, robot, options, identify=False)
-        (conditioned,) = condition_logs([checked], given[0].base.model, options)
+        (conditioned,) = condition_logs([checked], first.base.model, options)
     # The end of the longest part without gaps.
     longest = max(conditioned.segments, key=len)
-    first = int(np.searchsorted(longest.t[:-2], longest.t[-1] - length))
-    t, q, qd, tau = (x[first:] for x in (longest.t, longest.q, longest.qd, longest.tau))
+    start = int(np.searchsorted(longest.t[:-2], longest.t[-1] - length))
+    t, q, qd, tau = (x[start:] for x in (longest.t, longest.q, longest.qd, longest.tau))
     some = q[:: max(1, len(q) // 100)]
     matrices = mass_matrices(lambda *state: last.base.observer.torque(last.theta, *state), some)
     # What each joint moves, on average along the motion, (n,) [kg m^2 or kg].
@@ -90,8 +87,16 @@ def compare_in_simulator(
         stage("simulate", f"{name}, {len(t)} samples")
         runs.append(drive(arm, engine, (t - t[0], q, qd, tau), inertia))
     simulated, added = (np.array(each) for each in zip(*runs, strict=True))
-    source = str(recording.source or recording.name)
-    return SimulatorGap(robot, source, engine, models, t - t[0], q, simulated, added)
+    return SimulatorGap(
+        robot=robot,
+        log=str(recording.source or recording.name),
+        engine=engine,
+        models=models,
+        t=t - t[0],
+        q=q,
+        simulated=simulated,
+        added=added,
+    )
 
 
 def gap_in_simulator(gap: Gap, after: Identification) -> SimulatorGap:

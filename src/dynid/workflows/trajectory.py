@@ -36,6 +36,7 @@ from dynid.files.trajectoryfile import (
     write_trajectory,
 )
 from dynid.gap.record import GapRecord, read_record
+from dynid.gap.tuning import LOUDER
 from dynid.judgement.rules import Step
 from dynid.loading import (
     RobotLike,
@@ -320,13 +321,9 @@ class Plan(Answered):
 
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""
-        run, figures, unit, alpha = (
-            self.trajectory,
-            self.prediction.figures,
-            self.units[3],
-            self.trajectory.alpha,
-        )
-        basis, noise, lines = run.basis.facts, self.noise, list[tuple[str, str]]()
+        run, figures, unit = self.trajectory, self.prediction.figures, self.units[3]
+        alpha, basis, noise = run.alpha, run.basis.facts, self.noise
+        lines = list[tuple[str, str]]()
         kind = f"{len(basis['knots']) - 1} {basis['kind']} segments, {run.basis.duration:.1f} s at full speed"
         slow = f"{run.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
         lines.append(("plan", f"{kind}; {slow}"))
@@ -484,10 +481,8 @@ def _information(
             information = information_of(base.model, columns, known.motion, noise)[1]
         else:
             log, options = checked_log(known, base.robot), LogOptions(delay=0.0)
-            stack, name = (
-                stack_logs(condition_logs([log], base.model, options), base),
-                str(log.source),
-            )
+            stack = stack_logs(condition_logs([log], base.model, options), base)
+            name = str(log.source)
             sigma = weighted(stack.factors, stack.counts).noise
             W = stack.factors[:, :, :-1] / sigma[:, None, None]
             information = np.asarray((W.swapaxes(1, 2) @ W).sum(axis=0))
@@ -807,8 +802,6 @@ def plan_inputs(
     return {"robot": robot.model_key, "limits": limits, **hashes, **options.texts()}
 
 
-#: A joint whose residual is so many times the noise's power has something unexplained, as in the verdict.
-LOUD = 1.25
 #: Lead in evidence from which one explanation is better beyond doubt, and how many times as much a plan should promise.
 CLEAR, SAFETY = 12.0, 3.0
 
@@ -828,7 +821,7 @@ def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestio
         what = f"the search was made for {record.robot}, whose joints differ from those of {base.robot.name}"
         raise WrongUsage(f"--for-gap: {what}", fix="give the robot file that was searched")
     rivalries = tuple(_rivalries(record))
-    above = sorted(one.joint for one in record.joints if one.chi > LOUD)
+    above = sorted(one.joint for one in record.joints if one.chi > LOUDER)
     unexplained = tuple(above) if record.verdict == "unexplained" else ()
     if not rivalries and not unexplained:
         verdict = record.verdict.replace("_", " ")

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynid.arrays import Floats
+from dynid.arrays import Floats, Ints
 from dynid.model import tuning
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.motion import ArmMotion, Joints, Shape, Shapes
 from dynid.robot import LINK_PARAMETERS
-
-Ints = NDArray[np.int64]
 
 #: Smallest step of a difference: of an angle [rad], and of a compliance [rad/N m], a hundredth of the softest gear.
 ANGLE_STEP, COMPLIANCE_STEP = 1e-5, 1e-6
