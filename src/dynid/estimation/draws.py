@@ -143,8 +143,7 @@ def draws(result: Identified, count: int, seed: int = 0) -> Draws:
             root, slope = error.root[j, :size, :size], error.slope[j, :size]
             z = rng.normal(size=(count, len(root)))
             residual.append(error.mean[j, :size] + moved @ slope.T + z @ root.T)
-    noise = result.noise if result.expected is None else result.expected.noise
-    return Draws(result, physical.names, x, tuple(residual), noise, seed)
+    return Draws(result, physical.names, x, tuple(residual), result.expected.noise, seed)
 
 
 def possible_draws(

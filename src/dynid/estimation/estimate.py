@@ -42,7 +42,7 @@ from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.motion import motion_numbers, sampled
 
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
-UPDATABLE = ("wls", "ols", "ridge")
+UPDATABLE = ("wls", "ols")
 
 
 #: Rows that are fitted, rows that judge the fit, and what those are, for people.
@@ -153,7 +153,7 @@ def estimate(
     base = stack.base
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
-    plain = fitted(stack, name, prior)
+    plain = fitted(stack, name)
     if name == "iv":
         _require_followed(stack, plain)
     physical = method == "auto" if feasible is None else feasible
@@ -161,7 +161,7 @@ def estimate(
     def refit(part: Stack) -> Fit:
         # Why also where one was asked for: joints that are left out leave parameters open.
         chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
-        return fitted(part, chosen, prior)
+        return fitted(part, chosen)
 
     def in_force(post: Posterior, fit: Fit) -> Posterior:
         none = post.changes[:, :0]
@@ -178,7 +178,7 @@ def estimate(
     held_rms, held_percent = None, None
     if holdout is not None:
         train, test, _ = holdout
-        fit, error = fitted(train, name, prior), used.error
+        fit, error = fitted(train, name), used.error
         if physical:
             again = physical_posterior(
                 fit, train, refit=refit, residual_model=error is not None, like=error
@@ -214,7 +214,7 @@ def estimate(
             *excitation,
             *sensor_findings(base),
             *physics_findings(plain, stack, post.alone, knowledge, used.error, physical),
-            *apart_findings(stack, used.theta, used.error),
+            *apart_findings(stack.joints, used.error),
         ),
         header=_header(stack),
         motions=tuple(log_motion(log)[: tuning.MOTION_SAMPLES] for log in stack.logs),

@@ -125,15 +125,14 @@ def _by_instruments(rows: Rows, weight: Floats) -> Floats:
 
 
 # ---------------------------------------------------------------- the estimators
-def fitted(stack: Stack, method: str, prior: Floats | None = None) -> Fit:
+def fitted(stack: Stack, method: str) -> Fit:
     """Return what an estimator makes of a stack, with a covariance that allows for coloured residuals.
 
     Args:
         stack: the stacked logs.
         method: ``"wls"`` with one noise level per joint, ``"ols"`` (the paper's choice, Eq. 24), ``"irls"`` with little
-            weight for spikes, ``"iv"`` with the commanded motion as instruments, which knows nothing of the encoders'
-            noise, or ``"ridge"``, the weighted pseudo-inverse with prior data (the paper's last remark on estimation).
-        prior: prior base parameters, which ridge needs, (p,), NaN where nothing is known.
+            weight for spikes, or ``"iv"`` with the commanded motion as instruments, which knows nothing of the
+            encoders' noise.
     """
     factors, counts, rows, earlier = stack.factors, stack.counts, stack.rows, stack.earlier
     if method == "iv":
@@ -143,13 +142,6 @@ def fitted(stack: Stack, method: str, prior: Floats | None = None) -> Fit:
                 fix="use --method wls, or a log recorded by dynid record",
             )
         return instrumental(stack.instrumented, stack.first_fit)
-    if method == "ridge" and prior is not None:
-        known = np.nan_to_num(prior)
-        floor = tuning.RIDGE_FLOOR * max(1.0, float(np.abs(known).max()))
-        spread = np.maximum(tuning.RIDGE_SPREAD * np.abs(known), floor)
-        spread = np.where(np.isnan(prior), 1e3 * spread.max(), spread)
-        near = np.column_stack([np.diag(1.0 / spread), known / spread])
-        return replace(weighted(factors, counts, near), method="ridge")
     if method == "irls":
         fit = huber(rows, stack.first_fit)
     else:

@@ -51,19 +51,10 @@ def here(name: str) -> str:
 
 
 def found_path(result: Identified, name: str) -> str:
-    """Return where a recording is now that a command on a result was given, wherever the result is opened from.
-
-    It is looked for as it was typed, beside the result, and from where the arm was identified.
-
-    Args:
-        result: the result.
-        name: of the recording, as it was typed.
-    """
-    folder, header = result.path.parent, result.header
-    pairs = list(zip(header.get("logs", []), header.get("logs_from_here", []), strict=False))
-    places = [near for log, near in pairs if log == name] if result.path.name else []
-    places += [name, *(near.removesuffix(log) + name for log, near in pairs if near.endswith(log))]
-    paths = [Path(name), *(folder / place for place in places)]
+    """Return where a recording is now: as it was typed, or beside the result where that was identified from it."""
+    header = result.header
+    from_result = dict(zip(header.get("logs", []), header.get("logs_from_here", []), strict=False))
+    paths = [Path(name), result.path.parent / from_result.get(name, name)]
     return here(str(next((path for path in paths if path.exists()), name))) if name else ""
 
 

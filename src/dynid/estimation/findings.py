@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dynid.arrays import Floats
@@ -10,19 +12,14 @@ from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED
 from dynid.estimation.estimators import fitted
 from dynid.estimation.least_squares import Fit, joint_rms
-from dynid.estimation.payload import friction
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import indefinite_share, random_poses
-from dynid.signals.filters import decimate
 
 
 def weakly_excited(stack: Stack, prior: Floats) -> list[Finding]:
-    """Name the base parameters that this log leaves uncertain, why, and what would help.
-
-    A parameter's error falls in proportion to the size of its column: for an inertia that is the acceleration, for
-    viscous friction the speed. It falls with the root of the length of the log.
+    """Name the base parameters that this log leaves uncertain.
 
     Args:
         stack: the stacked logs.
@@ -42,35 +39,10 @@ def weakly_excited(stack: Stack, prior: Floats) -> list[Finding]:
     worst = []
     for k in weak[: tuning.FINDINGS_WORDED]:
         much = f"{100 * relative[k]:.0f} % error" if np.isfinite(relative[k]) else "no trace"
-        worst.append(f"{stack.names[k]} ({much}: {_reason(stack, k)})")
+        worst.append(f"{stack.names[k]} ({much})")
     more = len(weak) - len(worst)
     text = "poorly excited: " + ", ".join(worst) + f" and {more} more" * (more > 0)
     return [Finding("W402", "warning", text, {"parameters": [stack.names[k] for k in weak]})]
-
-
-def _reason(stack: Stack, k: int) -> str:
-    """Say which signal shows a base parameter and how small it is in these logs."""
-    base = stack.base
-    parameter = base.model.parameters[base.reduction.base[k]]
-    kind, j = parameter.kind, parameter.number - 1
-    joint = base.robot.joints[j]
-    unit = "rad" if joint.revolute else "m"
-    segments = [(log, segment) for log in stack.logs for segment in log.segments]
-    if kind.startswith("I"):
-        # Why filtered once more: behind the position filter alone, encoder noise still looks like acceleration.
-        largest = max(
-            np.abs(decimate(s.qdd[None, :, j], log.filter.second_kernel, 1)).max(initial=0.0)
-            for log, s in segments
-        )
-        return f"{joint.name} never accelerates beyond {largest:.2g} {unit}/s^2"
-    if kind in ("fv", "fvc"):
-        largest = max(np.abs(s.qd[:, j]).max() for _, s in segments)
-        return f"{joint.name} never moves faster than {largest:.2g} {unit}/s"
-    if kind in ("fc", "fo", "fcc"):
-        reversals = sum(np.count_nonzero(np.diff(np.sign(s.qd[:, j]))) for _, s in segments)
-        return f"{joint.name} reverses only {reversals} times"
-    largest = max(np.ptp(s.q[:, j]) for _, s in segments)
-    return f"{joint.name} covers only {largest:.2g} {unit}: gravity and speed change little"
 
 
 def excitation_findings(
@@ -135,49 +107,17 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
     return [Finding("W410", "info", text, {"parameters": rotors})]
 
 
-def apart_findings(stack: Stack, theta: Floats, error: ModelError | None) -> list[Finding]:
-    """Say which joints have torques that contradict those of the others, and by which factor where it is only one.
-
-    Args:
-        stack: the fitted rows.
-        theta: base parameters in force, (p,).
-        error: the model error in force, None without.
-    """
+def apart_findings(joints: Sequence[str], error: ModelError | None) -> list[Finding]:
+    """Say which joints have torques that contradict those of the others, of the model error in force."""
     if error is None or not error.apart.any():
         return []
-    names = stack.joints
-    scales = {names[j]: scale_of(stack, theta, error.own[j], j) for j in error.joints_apart}
-    factors = [
-        f"{name} has {scale:.2f} times what they ask for"
-        for name, scale in scales.items()
-        if scale is not None
-    ]
-    unknown = "another scale or sign, a part of it, a stuck reading, or what the model lacks"
+    names = [joints[j] for j in error.joints_apart]
     text = (
-        f"the torques of {', '.join(scales)} contradict those of the other joints: "
-        f"{'; '.join(factors) or unknown}. They have parameters of "
-        "their own in predictions and no say in those of the arm"
+        f"the torques of {', '.join(names)} contradict those of the other joints: another scale or sign, a part of "
+        "it, a stuck reading, or what the model lacks. They have parameters of their own in predictions and no say in "
+        "those of the arm"
     )
-    return [Finding("W413", "warning", text, {"joints": list(scales), "scales": scales})]
-
-
-def scale_of(stack: Stack, theta: Floats, own: Floats, joint: int) -> float | None:
-    """Return how many times the torque that the other joints ask for a joint has; None where it is not only a scale.
-
-    Friction is left out: no other joint tells it.
-
-    Args:
-        stack: the fitted rows.
-        theta: base parameters of the arm, (p,).
-        own: what those of the joint differ by, (p,).
-        joint: its number.
-    """
-    W, rubs = stack.factors[joint][:, :-1], friction(stack.base)
-    Q = np.linalg.qr(W[:, rubs & W.any(axis=0)])[0]
-    torque, more = ((np.eye(len(Q)) - Q @ Q.T) @ W[:, ~rubs] @ x[~rubs] for x in (theta, own))
-    scale = 1.0 + float(torque @ more) / max(float(torque @ torque), 1e-300)
-    rest = np.linalg.norm(more - (scale - 1.0) * torque)
-    return scale if rest < tuning.SCALE_REST * np.linalg.norm(more) else None
+    return [Finding("W413", "warning", text, {"joints": names})]
 
 
 def physics_findings(
@@ -206,13 +146,11 @@ def physics_findings(
         lambda q, qd, qdd: base.observer.torque(plain.theta, q, qd, qdd), poses
     )
     if share:
-        cause = (
-            "too little motion, or a wrong sign or offset under `driver:`"
-            if many_open
-            else "check sign and offset of each joint under `driver:` in the robot file"
-        )
         level = "info" if physical or many_open else "warning"
-        text = f"the mass matrix of least squares is not positive definite in {100 * share:.0f} % of poses: {cause}"
+        text = (
+            f"the mass matrix of least squares is not positive definite in {100 * share:.0f} % of poses: too little "
+            "motion, or a wrong sign or offset of a joint under `driver:` in the robot file"
+        )
         findings.append(Finding("W405", level, text, {"share": share}))
     findings += _unexplained(base, plain, joint_rms(stack.factors, stack.counts, alone), error)
     if many_open:

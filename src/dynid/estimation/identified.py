@@ -64,14 +64,10 @@ class ExpectedError:
         }
 
     @classmethod
-    def of(cls, facts: dict[str, Any] | None) -> ExpectedError | None:
+    def of(cls, facts: dict[str, Any]) -> ExpectedError:
         """Return what ``facts`` gave."""
-        if facts is None:
-            return None
         noise = np.array(facts["noise_nm"])
-        return cls(
-            float(facts["fitted_motion_percent"]), float(facts["exciting_motion_percent"]), noise
-        )
+        return cls(facts["fitted_motion_percent"], facts["exciting_motion_percent"], noise)
 
 
 @dataclass(frozen=True)
@@ -109,7 +105,7 @@ class Identified:
     condition_number: float
     condition_number_scaled: float
     samples: int
-    expected: ExpectedError | None = None
+    expected: ExpectedError
     model_error: ModelError | None = None
     findings: tuple[Finding, ...] = ()
     header: dict[str, Any] = field(default_factory=dict)
@@ -330,12 +326,10 @@ class Identified:
 
     def expectation(self) -> list[str]:
         """Return the torque error to expect and what the model error holds, line by line."""
-        lines = []
-        if self.expected is not None:
-            lines.append(
-                f"expected torque error {self.expected.fitted_percent:.2g} % on another recording of the fitted "
-                f"motion, {self.expected.exciting_percent:.2g} % on an exciting motion inside the limits"
-            )
+        lines = [
+            f"expected torque error {self.expected.fitted_percent:.2g} % on another recording of the fitted "
+            f"motion, {self.expected.exciting_percent:.2g} % on an exciting motion inside the limits"
+        ]
         if self.model_error is not None:
             alone = relative_error(self.factors, self.theta)
             lines.append(

@@ -1,4 +1,4 @@
-"""Ordinary, weighted and regularised least squares from small triangular factors (Paper Eq. 24).
+"""Ordinary and weighted least squares from small triangular factors (Paper Eq. 24).
 
 Any number of rows ``[W tau]`` is represented by the R factor of their QR decomposition, (p + 1, p + 1): same solution,
 same residual sum of squares, and factors of several blocks or logs are merged by another QR. One factor per joint is
@@ -225,33 +225,25 @@ def ordinary(factors: Floats, counts: Ints) -> Fit:
     return Fit("ols", solution.theta, same, solution.inverse, factors, counts)
 
 
-def weighted(
-    factors: Floats, counts: Ints, prior: Floats | None = None, max_rounds: int = 50
-) -> Fit:
+def weighted(factors: Floats, counts: Ints, max_rounds: int = 50) -> Fit:
     """Fit with each joint divided by its own noise, found from the residuals and iterated.
 
     Args:
         factors: one factor per joint, (n, p + 1, p + 1) [N m or N].
         counts: number of rows of each joint, (n,).
-        prior: rows [P pi] of prior parameters pi in units of their standard deviation, (r, p + 1).
         max_rounds: limit of the iteration.
 
     Returns:
-        The fit; its covariance is that of white residuals and includes the prior.
+        The fit; its covariance is that of white residuals.
     """
-    more = np.zeros((0, factors.shape[-1])) if prior is None else prior
-
-    def solved(noise: Floats) -> Solution:
-        return solve(triangle(np.vstack([merge(factors, 1.0 / noise), more])))
-
     first = ordinary(factors, counts)
     noise = _joint_noise(factors, counts, first.theta, first.noise, first.covariance)
     for _ in range(max_rounds):
-        solution, before = solved(noise), noise
+        solution, before = solve(merge(factors, 1.0 / noise)), noise
         noise = _joint_noise(factors, counts, solution.theta, noise, solution.inverse)
         if np.all(np.abs(noise - before) <= 1e-4 * before):
             break
-    solution = solved(noise)
+    solution = solve(merge(factors, 1.0 / noise))
     return Fit("wls", solution.theta, noise, solution.inverse, factors, counts)
 
 

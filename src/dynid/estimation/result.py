@@ -39,7 +39,7 @@ class Identification(Identified, Judged):
         condition_number: of W with columns as they are.
         condition_number_scaled: of W with columns of unit length.
         samples: instants in the stack.
-        expected: how far predicted torques will be off; None in a result of an earlier version.
+        expected: how far predicted torques will be off.
         why: why this estimator.
         theta: base parameters, those that predictions use, (p,).
         covariance: of ``theta``: of the posterior, or of the plain estimate where predictions use that, (p, p).
@@ -95,7 +95,7 @@ class Identification(Identified, Judged):
             "parameters": self.parameter_rows(),
             "physically_consistent": self.in_force == "physical",
             f"{held}_by_set": {"physical": None, "plain": None, self.in_force: getattr(self, held)},
-            "expected_torque_error": None if self.expected is None else self.expected.facts(),
+            "expected_torque_error": self.expected.facts(),
             "residual_model": self.residual_facts(),
             "links": self.links(),
             "findings": [asdict(finding) for finding in self.findings],

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.disk import write_text
-from dynid.errors import Finding, NotAnArtifact
+from dynid.errors import Finding
 from dynid.estimation.identified import ExpectedError, Identified, JointQuality
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.residual_model import ModelError
 from dynid.files import typed
-from dynid.files.artifact import read_artifact, read_header, reading
+from dynid.files.artifact import read_artifact, reading
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.model.base_model import (
     REDUCTION_SHAPES,
@@ -47,9 +47,6 @@ SCALARS = (
 FIT = ("plain", "noise", "plain_covariance", "factors", "counts")
 #: What is stored as arrays.
 ARRAYS = ("theta", "covariance", "std_error", "prior")
-#: Axes of arrays of a residual model along which parameters of a joint's own follow its columns.
-OWN_AXES = {"mean": [1], "root": [1, 2], "slope": [1]}
-
 Result = TypeVar("Result", bound=Identified)
 
 
@@ -67,15 +64,11 @@ def save(path: Path, result: Identified, facts: dict[str, Any] | None = None) ->
     arrays |= {f"full_{k}": x for k, x in physical.items() if isinstance(x, np.ndarray)}
     if error is not None:
         arrays |= {f"error_{k}": x for k, x in vars(error).items() if isinstance(x, np.ndarray)}
-        if not error.apart.any():
-            del arrays["error_apart"]
-            arrays |= {f"error_{x}": getattr(error, x)[:, : error.k] for x in OWN_AXES}
-            arrays["error_root"] = arrays["error_root"][:, :, : error.k]
     arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(result.motions)}
     scalars = {key: getattr(result, key) for key in ("method", "knowledge", *SCALARS)} | {
         "physical": {key: x for key, x in physical.items() if f"full_{key}" not in arrays},
         "model_error_evidence": None if error is None else error.evidence,
-        "expected": None if result.expected is None else result.expected.facts(),
+        "expected": result.expected.facts(),
     }
     header = {
         **(facts or {}),
@@ -149,13 +142,6 @@ def read(path: Path, kind: type[Result]) -> Result:
     Raises:
         NotAnArtifact: the file is none of dynid's, or is damaged.
     """
-    header = read_header(path)
-    if header.get("schema") == SCHEMA and "reduction" not in header:
-        raise NotAnArtifact(
-            f"{path} was written by an earlier version of dynid",
-            where=str(path),
-            fix="identify again: dynid identify",
-        )
     artifact = read_artifact(path, SCHEMA, SHAPES)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
@@ -165,7 +151,6 @@ def read(path: Path, kind: type[Result]) -> Result:
             **_without("full_", a),
             "names": tuple(stored["physical"]["names"]),
         }
-        full.pop("std_error", None)  # files of earlier versions
         file = Path(h["robot_path"])
         robot = parse_robot(h["robot_file"], file)
         known: dict[str, Any] = {"source": typed(file)} if h["robot_path"] else {"path": None}
@@ -180,7 +165,9 @@ def read(path: Path, kind: type[Result]) -> Result:
             **values,
             knowledge=tuple(stored["knowledge"]),
             physical=PhysicalParameters(**full),
-            model_error=_model_error(stored["model_error_evidence"], a),
+            model_error=None
+            if stored["model_error_evidence"] is None
+            else ModelError(**_without("error_", a), evidence=stored["model_error_evidence"]),
             findings=tuple(Finding(**row) for row in h["findings"]),
             motions=tuple(
                 a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a
@@ -198,19 +185,6 @@ def read(path: Path, kind: type[Result]) -> Result:
 def _without(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     """Return arrays of a part of a result by their name in it."""
     return {k.removeprefix(prefix): x for k, x in arrays.items() if k.startswith(prefix)}
-
-
-def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:
-    if evidence is None:
-        return None
-    parts = _without("error_", arrays)
-    n, _, p = parts["slope"].shape
-    if "apart" not in parts:
-        parts["apart"] = np.zeros(n)
-        for name, axes in OWN_AXES.items():
-            widths = [(0, p if k in axes else 0) for k in range(parts[name].ndim)]
-            parts[name] = np.pad(parts[name], widths)
-    return ModelError(**parts, evidence=float(evidence))
 
 
 def _digits(value: float, error: float | None) -> float | None:

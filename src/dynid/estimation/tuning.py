@@ -77,11 +77,6 @@ NOISE_LEAST_ROWS = 20
 #: Condition number of the column-normalised Z^T S W beyond which the instruments say nothing. evidence: none yet.
 INSTRUMENTS_WORST_CONDITION = 1e12
 
-# ---------------------------------------------------------------- estimators
-#: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
-#: largest of its kind: published inertias of one arm differ by as much from each other. evidence: none yet.
-RIDGE_SPREAD, RIDGE_FLOOR = 0.5, 0.05
-
 # ---------------------------------------------------------------- prior of the bodies
 #: s above: the tails' slope is gamma (1 / s - 1). evidence: none yet.
 PRIOR_FOLLOWED = 0.5
@@ -207,10 +202,6 @@ POORLY_EXCITED_PERCENT = 50.0
 #: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
 #: evidence: none yet.
 CONTRADICTION = 1.5
-#: What a scale may leave of how a joint's torque differs from what the others ask for, as a share, to be all of it.
-#: evidence: scaled, reversed and stuck torques of a simulated LWR leave at most 0.007, the wrists of the Shanghai cobot
-#: at least 0.07.
-SCALE_REST = 0.05
 #: Share of open parameters beyond which a log is called poor. evidence: none yet.
 MANY_OPEN = 0.2
 #: Poses in which the mass matrix is tested. evidence: none yet.

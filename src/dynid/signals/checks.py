@@ -112,7 +112,7 @@ def prepare(
         findings += check_ranges(log, robot)
         check_torque_scale(log, robot, gone)
         check_rate(log, robot)
-        for check in (check_repeats, check_position_noise, check_zero):
+        for check in (check_position_noise, check_zero):
             findings += check(log, robot)
         if identify and alone:
             findings += check_amount([log], robot)
@@ -326,54 +326,24 @@ def check_torque_scale(log: Log, robot: Robot, gone: Mask) -> None:
 def clipped_samples(log: Log, robot: Robot, gone: Mask) -> tuple[Mask, tuple[Finding, ...]]:
     """Return which torques are none, (N, n), and findings W319; in the driver's columns.
 
-    They sit at their largest value, or stay at any value while their joint moves to and fro, or nobody measured them
-    (``gone``, (n,)).
+    They sit at their largest value, or nobody measured them (``gone``, (n,)).
     """
     mask, alive, findings = np.tile(gone, (len(log), 1)), any_moves(log, robot), []
     if none := ", ".join(compress(robot.joint_names, gone)):
         text = f"the log has no torque for {none}: predicted from the other joints and the prior"
         findings.append(Finding("W319", "warning", text, {"joint": none, "share": 1.0}))
-    moved = per_joint(tuning.STILL_SPAN, robot)
     for j in np.flatnonzero(~gone).tolist():
         joint, x = robot.joints[j], log.tau[:, j]
-        clipped = _flat_top(x, alive) | _flat_top(-x, alive)
-        stuck = _stuck(x, log.q[:, j], float(moved[j]), round(tuning.STUCK_S * log.rate)) & ~clipped
-        mask[:, j] = clipped | stuck
+        mask[:, j] = clipped = _flat_top(x, alive) | _flat_top(-x, alive)
+        if not clipped.any():
+            continue
         unit = "A" if log.tau_unit == "A" else joint.torque_unit.replace(" ", "")
-        for flags, does, which in (
-            (clipped, "sits at", ": clipped"),
-            (stuck, "stays at", " while the joint moves to and fro: these"),
-        ):
-            if not flags.any():
-                continue
-            share, some = float(np.mean(flags)), x[flags]
-            level = float(some[0] if flags is stuck else np.abs(some).max())
-            size = f"{level:.4g} {unit} for {len(some) / log.rate:.2g} s"
-            text = f"{joint.name} torque {does} {size}{which} samples are left out ({100 * share:.1f} %)"
-            evidence = {"joint": joint.name, "share": share, "level": level}
-            findings.append(Finding("W319", "warning", text, evidence))
+        share, level = float(np.mean(clipped)), float(np.abs(x[clipped]).max())
+        size = f"{level:.4g} {unit} for {clipped.sum() / log.rate:.2g} s"
+        text = f"{joint.name} torque sits at {size}: clipped samples are left out ({100 * share:.1f} %)"
+        evidence = {"joint": joint.name, "share": share, "level": level}
+        findings.append(Finding("W319", "warning", text, evidence))
     return mask, tuple(findings)
-
-
-def _stuck(x: Floats, q: Floats, moved: float, least: int) -> Mask:
-    """Return the samples of a torque that does not change at all while its joint moves one way and back.
-
-    Args:
-        x: torques of a joint, (N,).
-        q: its positions, (N,).
-        moved: a path that counts as motion [rad or m].
-        least: so many samples without any change are more than friction, gravity and noise allow.
-    """
-    same = np.append(same_rows(x[:, None]), False)
-    found = np.zeros(len(x), dtype=bool)
-    for run in runs(same, least):
-        some = q[run]
-        there = np.maximum.accumulate(some) - some, some - np.minimum.accumulate(some)
-        if min(float(way.max()) for way in there) > moved:
-            found[run.start : run.stop + 1] = True
-    # Why: a coarse torque stays the same for long as well.
-    coarse = np.sum(same & ~found) >= tuning.STUCK_OTHERS * np.sum(~found)
-    return np.zeros(len(x), dtype=bool) if coarse and not found.all() else found
 
 
 def _flat_top(x: Floats, alive: Mask) -> Mask:
@@ -394,16 +364,6 @@ def _flat_top(x: Floats, alive: Mask) -> Mask:
     second = int(np.sum(below == below.max(initial=-np.inf)))
     count = int(flat.sum())
     return flat & (count >= max(tuning.FLAT_SHARE * second, near))
-
-
-def check_repeats(log: Log, robot: Robot) -> Iterator[Finding]:
-    """Yield finding W314 when many samples in motion repeat the positions before them."""
-    alive = any_moves(log, robot)[1:]
-    share = float(np.sum(same_rows(log.q) & alive) / max(1, alive.sum()))
-    if share >= tuning.REPEAT_SHARE:
-        new = log.rate * (1 - share)
-        text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {new:.0f} Hz"
-        yield Finding("W314", "warning", text, {"share": share})
 
 
 def check_zero(log: Log, robot: Robot) -> Iterator[Finding]:
@@ -534,11 +494,4 @@ def check_ranges(log: Log, robot: Robot) -> Iterator[Finding]:
             f"{joint.name} moves from {factor * low:.3g} to {factor * high:.3g} {unit}, {factor * too_far:.3g} {unit} "
             f"beyond its limits ({factor * least:.4g} to {factor * most:.4g}): its offset or these limits are wrong"
         )
-        fits = [
-            f"{turn:+d}"
-            for turn in (90, -90, 180)
-            if joint.revolute and not beyond(joint, *(x + math.radians(turn) for x in (low, high)))
-        ]
-        if fits:
-            text += f"; an offset of {' or '.join(fits)} deg would fit"
         yield Finding("W332", "warning", text, {"joint": joint.name, "beyond": too_far})

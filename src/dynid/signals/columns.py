@@ -61,9 +61,7 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
 
 
 def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
-    """Return the list to paste: in chain order where names are numbers or alike, else with places to fill in."""
-    if all(name.isdecimal() and len(name) < 4 for name in names) and len(names) == robot.n:
-        return f"[{', '.join(yaml_word(name) for name in sorted(names, key=int))}]"
+    """Return the list to paste: in chain order where names are alike, else with places to fill in."""
     from scipy.optimize import linear_sum_assignment
 
     likeness = np.array(

@@ -6,6 +6,7 @@ make every interval too narrow, and a held position is a velocity of zero follow
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,7 +20,7 @@ from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
-from dynid.signals.motion import moving, runs
+from dynid.signals.motion import moving
 
 
 def with_rising_time(log: Log, *, sort_time: bool) -> Log:
@@ -214,12 +215,7 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Fin
     if not len(gaps):
         return
     evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
-    if len(pauses) == len(gaps):
-        places = ", ".join(f"{step[k]:.1f} s at {log.t[k]:.2f} s" for k in pauses[:5])
-        more = f" and {len(pauses) - 5} more" if len(pauses) > 5 else ""
-        text = f"the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments"
-    else:
-        text = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there"
+    text = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there"
     yield Finding("W312", "warning", f"{log.name}: {text}, not bridged", evidence)
 
 
@@ -268,41 +264,11 @@ def without_stale(log: Log, robot: Robot) -> Log:
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:
-    """Return logs without the samples that an earlier one, or an earlier part of the same one, has too (W326).
-
-    Args:
-        logs: checked logs of one arm; those of which nothing is left are dropped.
-    """
-    keys, kept, findings = [_keys(log) for log in logs], list[Log](), list[Finding]()
-    again = np.ones(sum(map(len, keys)), dtype=bool)
-    again[np.unique(np.concatenate(keys), return_index=True)[1]] = False
-    for number, (log, own) in enumerate(zip(logs, keys, strict=True), start=1):
-        mine, again = again[: len(log)], again[len(log) :]
-        copied = np.zeros(len(log), dtype=bool)
-        for run in runs(mine, tuning.COPIED_ROWS):
-            distinct = len(np.unique(own[run])) / (run.stop - run.start)
-            copied[run] = distinct >= tuning.COPIED_DISTINCT
-        if not copied.any():
-            kept.append(log)
-            continue
-        share = float(np.mean(copied))
-        text = (
-            f"{100 * share:.0f} % of the samples of {log.name} (log {number}) are in an earlier recording too: "
-            "copies are left out"
-        )
-        findings.append(Finding("W326", "warning", text, {"log": number, "share": share}))
-        rest = np.flatnonzero(~copied)
-        if len(rest) >= tuning.COPIED_ROWS:
-            kept.append(replace(take_samples(log, rest), findings=log.findings))
-    return kept, tuple(findings)
-
-
-def _keys(log: Log) -> NDArray[np.uint64]:
-    """Return a hash of the positions and torques of each sample, (N,)."""
-    # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
-    factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64)
-    keys = np.zeros(len(log), dtype=np.uint64)
-    for factor, x in zip(factors, [*log.q.T, *log.tau.T], strict=True):
-        bits = (x + 0.0).view(np.uint64)
-        keys += (bits ^ (bits >> np.uint64(29))) * (np.uint64(2) * factor + np.uint64(1))
-    return keys
+    """Return logs without those whose positions and torques are all those of an earlier one (W326)."""
+    kept, findings = dict[bytes, Log](), list[Finding]()
+    for number, log in enumerate(logs, start=1):
+        content = hashlib.sha256(log.q.tobytes() + log.tau.tobytes()).digest()
+        if kept.setdefault(content, log) is not log:
+            text = f"log {number}, {log.name}, holds the samples of {kept[content].name}: it is left out"
+            findings.append(Finding("W326", "warning", text, {"log": number}))
+    return list(kept.values()), tuple(findings)

@@ -44,13 +44,6 @@ STALE_SHARE = 0.05
 #: Of the joints that move, this share changes at nearly every new sample where samples are held as a whole.
 #: Evidence: none yet.
 CHANGE_TOGETHER = 0.8
-#: So many rows in a row that an earlier log, or an earlier part of this one, has too are a copy of it. Evidence: none
-#: yet.
-COPIED_ROWS = 50
-#: Rows whose numbers are few, as those of an arm at rest, are equal by chance: a copy has this share of distinct
-#: ones. Evidence: none yet.
-COPIED_DISTINCT = 0.5
-
 #: Half of the time [s] that a speed is taken over: encoder steps vanish, the fastest arm motions (3 Hz) do not.
 SPEED_WINDOW_S = 0.05
 #: Faster than this the joint moves [rad/s, m/s]: ten times what encoder noise makes over the window. Evidence: none
@@ -100,11 +93,6 @@ RARE_TURNS = 0.01
 FLAT_RUN = 5
 #: At a flat top the largest value is this many times as frequent as the next one; at a quantised peak 1.4 times.
 FLAT_SHARE = 3.0
-#: A torque that does not change for so long [s] while its joint moves to and fro is none. Where this share of the other
-#: samples does not change either, its steps are coarse. Evidence: tests of coarse torques; case 210 of defects.md.
-STUCK_S, STUCK_OTHERS = 1.0, 0.5
-#: Above this share of repeated samples in motion the driver publishes faster than it reads. Evidence: none yet.
-REPEAT_SHARE = 0.2
 #: No sensor reads more in any unit, and none of torques so little; a flipped bit in a bag, which carries no checksum,
 #: does.
 LARGEST, LEAST_TORQUE = 1e9, 1e-9

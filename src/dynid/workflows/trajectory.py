@@ -634,7 +634,7 @@ def plan_trajectory(
 
 def _unexplained(results: Sequence[Identification]) -> float | None:
     """Return the rms torque that the first of earlier results leaves whatever the parameters; None without one."""
-    known = (each.expected.noise for each in results if each.expected)
+    known = (each.expected.noise for each in results)
     return next((float(np.sqrt(np.mean(noise**2))) for noise in known), None)
 
 

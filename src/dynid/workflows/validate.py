@@ -300,7 +300,7 @@ def _expected(
 ) -> float | None:
     """Return the relative error that the posterior of a result expects on rows [%]; None without one."""
     torque = float(np.sum(rows.tau[rows.use] ** 2))
-    if result.expected is None or not np.isfinite(result.std_error).all() or not torque:
+    if not np.isfinite(result.std_error).all() or not torque:
         return None
     spread = torque_variance(rows.W, result.covariance, error, shapes)
     variance = float(np.sum((spread + result.expected.noise**2)[rows.use]))

@@ -23,8 +23,8 @@ def white(samples=400, noise=NOISE_OF_FIVE, seed=0):
     return Rows.of(W, W @ FIVE + noise * rng.standard_normal((samples, len(noise))))
 
 
-def plain(rows, *prior):
-    return weighted(rows.factors(), rows.counts, *prior)
+def plain(rows):
+    return weighted(rows.factors(), rows.counts)
 
 
 def whole(rows, noise=1.0):
@@ -59,19 +59,6 @@ def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
 def test_noise_is_unbiased_although_few_rows_fit_many_parameters():
     ratio = [plain(white(12, seed=s)).noise ** 2 / NOISE_OF_FIVE**2 for s in range(400)]
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.08)
-
-
-def test_with_prior_rows_it_is_the_bayesian_posterior_mean():
-    rows = white(50)
-    prior, covariance = FIVE + 0.3, np.diag([0.1, 0.2, 0.1, 0.4, 0.1]) ** 2
-    covariance[0, 1] = covariance[1, 0] = 0.01
-    root = np.linalg.inv(np.linalg.cholesky(covariance))
-    fit = plain(rows, np.column_stack([root, root @ prior]))
-    X, y = whole(rows, fit.noise)
-    precision = X.T @ X + np.linalg.inv(covariance)
-    mean = np.linalg.solve(precision, X.T @ y + np.linalg.solve(covariance, prior))
-    assert np.allclose(fit.theta, mean)
-    assert np.allclose(fit.covariance, np.linalg.inv(precision))
 
 
 def test_rank_and_open_directions_are_found_whatever_the_units():

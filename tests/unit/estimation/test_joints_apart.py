@@ -85,8 +85,6 @@ def test_a_reversed_joint_is_named_and_predicted_by_parameters_of_its_own(logs, 
     result, other = reversed_, logs[1]
     (finding,) = [finding for finding in result.findings if finding.code == "W413"]
     assert finding.evidence["joints"] == [ROBOT.joint_names[BAD]]
-    assert finding.evidence["scales"][ROBOT.joint_names[BAD]] == pytest.approx(-1.0, abs=0.05)
-    assert f"{ROBOT.joint_names[BAD]} has -1.0" in finding.text
     assert shares(validate(result, spoilt(other, -1.0)))[BAD] < 0.2
 
 

@@ -9,7 +9,7 @@ import models
 from dynid import Identification, load_robot
 from dynid.errors import Finding
 from dynid.estimation.evidence import evidence_of
-from dynid.estimation.identified import JointQuality
+from dynid.estimation.identified import ExpectedError, JointQuality
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion, check
@@ -91,6 +91,7 @@ def gathered(tmp_path_factory):
         condition_number=50.0,
         condition_number_scaled=30.0,
         samples=400,
+        expected=ExpectedError(1.5, 2.0, np.full(robot.n, 0.01)),
         physical=physical,
         in_force="physical",
         findings=(Finding("W402", "warning", NASTY),),

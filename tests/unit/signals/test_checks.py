@@ -193,32 +193,19 @@ def test_a_jump_by_a_full_turn_is_taken_out():
     assert re.match(text, log.findings[0].text)
 
 
-LEVEL = "lwr_{}_joint torque {} at {:.4g} Nm for .* {}"
-
-
 def test_flat_tops_are_found_where_they_are_and_nowhere_else():
     tau = lwr_log().tau[:, 1]
     level = np.quantile(tau, 0.97)
     over = tau >= level
     log = checked(lwr(), of("tau", put((over, 1), level)))
     assert codes(log) == ["W319"]
-    text = LEVEL.format(1, "sits", level, "s: clipped samples are left out")
+    text = f"lwr_1_joint torque sits at {level:.4g} Nm for .* s: clipped samples are left out"
     assert re.match(text, log.findings[0].text)
     clipped = log.extra["clipped"]
     assert clipped.shape == log.tau.shape
     assert not clipped[:, [0, 2, 3, 4, 5, 6]].any()
     assert not clipped[~over, 1].any()
     assert clipped[over, 1].mean() > 0.9
-
-
-def test_a_torque_that_stays_while_its_joint_moves_to_and_fro_is_none():
-    level, stuck = lwr_log().tau[500, 3], slice(500, None)
-    log = checked(lwr(), of("tau", put((stuck, 3), level)))
-    assert codes(log) == ["W319"]
-    text = LEVEL.format(3, "stays", level, "to and fro: these samples")
-    assert re.match(text, log.findings[0].text)
-    assert log.extra["clipped"][stuck, 3].all()
-    assert not log.extra["clipped"][:500].any()
 
 
 def test_kinovas_velocity_is_put_aside_with_its_ratio():
@@ -373,7 +360,6 @@ def test_what_lies_within_and_what_has_no_limits_is_not_named(turns):
 def test_a_quarter_turn_is_named():
     (finding,) = moved(np.pi / 2 + 0.2, np.pi / 2 + 1.5)
     assert finding.code == "W332"
-    assert "an offset of -90 deg would fit" in finding.text
     assert finding.evidence["beyond"] == pytest.approx(np.pi / 2 + 1.5 - 2.0)
 
 
@@ -427,31 +413,4 @@ def test_a_log_given_again_is_left_out_whatever_its_clock_says():
     other = replace(log, q=log.q + 0.01 * RNG.standard_normal(log.q.shape))
     kept, findings = without_copies([log, other, replace(log, t=log.t + 100.0)])
     assert kept == [log, other]
-    assert [finding.code for finding in findings] == ["W326"]
-
-
-def test_the_part_of_a_log_that_an_earlier_one_has_is_left_out():
-    log = moving_log()
-    half = len(log) // 2
-    first = take_samples(log, slice(half))
-    kept, findings = without_copies([first, log])
-    assert kept[0] is first
-    assert_array_equal(kept[1].t, log.t[half:])
-    assert findings[0].evidence["share"] == pytest.approx(0.5, abs=0.01)
-
-
-def test_a_recording_joined_to_itself_counts_once():
-    log = moving_log()
-    twice = take_samples(log, np.tile(np.arange(len(log)), 2))
-    twice = replace(twice, t=np.append(log.t, log.t + log.t[-1] + 0.01))
-    kept, _ = without_copies([twice])
-    assert_array_equal(kept[0].q, log.q)
-
-
-def test_copies_are_found_among_many_logs():
-    log = moving_log()
-    part = take_samples(log, slice(200))
-    logs = [replace(part, q=part.q + 0.01 * RNG.standard_normal(part.q.shape)) for _ in range(300)]
-    kept, findings = without_copies([*logs, logs[7], logs[250], *logs[:100]])
-    assert kept == logs
-    assert [finding.evidence["log"] for finding in findings] == list(range(301, 403))
+    assert [(finding.code, finding.evidence["log"]) for finding in findings] == [("W326", 3)]

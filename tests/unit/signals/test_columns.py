@@ -117,13 +117,6 @@ def test_other_names_are_listed_with_the_line_that_maps_them():
     assert matching_columns(log, robot)[0] == list(range(7))
 
 
-def test_numbers_in_the_place_of_names_are_offered_in_their_order():
-    log = replace(lwr_log(), names=("2", "1", "3", "4", "5", "6", "7"), source=None)
-    with pytest.raises(JointNamesDiffer) as caught:
-        matching_columns(log, lwr())
-    assert caught.value.fix.endswith('joint_names: ["1", "2", "3", "4", "5", "6", "7"]')
-
-
 def test_other_numbers_of_each_sample_are_kept(tmp_path):
     more = {"warm": np.arange(5.0), "forces": np.ones((5, 6)), "start_ns": 7, "four": np.ones(4)}
     again = read_npz_log(raw(names=("a", "b"), extra=more).save(tmp_path / "log.npz"))
