@@ -192,7 +192,7 @@ def contradictions(answers):
         nothing = gap["verdict"].startswith("nothing")
         states = states_of(gap)
         said = gap["judgement"]["sentence"]
-        early = said.startswith(("These logs fit another arm", "The robot file does not"))
+        early = said.startswith("The robot file does not")
         corrected = said.endswith("No other effect is missing.")
         if (nothing or corrected) != (states["complete"] == "good"):
             found.append("gap: its verdict and its light")

@@ -1,31 +1,19 @@
-"""What public functions take: objects and paths alike, options as keywords or as an object, and a sentence otherwise.
-
-A public function is decorated with ``public``, which checks arguments by their annotations, and begins with one line
-for each that may stand for an object, such as ``robot = as_robot(robot)``. After it the argument is an object, or
-``WrongUsage`` was raised, which says what was given, what would be right, and shows the call of the function's
-docstring after ``Example:``.
-"""
+"""What public functions take: options as keywords or as an object, and a listener for their progress."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextvars import ContextVar
+from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 from dynid.errors import WrongUsage
-from dynid.options import TYPES, Options
 from dynid.progress import LISTENER, heard_by
 from dynid.text import closest
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-
-#: The public function that runs.
-_running: ContextVar[Callable[..., Any] | None] = ContextVar("running", default=None)
 
 
 def one_thread(function: Callable[P, T]) -> Callable[P, T]:
@@ -48,131 +36,55 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def public(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a public function: it computes in one thread, and a wrong call of it is ``WrongUsage``.
+    """Return a public function: it computes in one thread, and is given its ``options`` with ``**changes`` in them.
 
-    It is given its ``options`` with the single ones of ``**changes`` in them. Its ``progress``
-    hears what happens; where there is none, whoever hears already.
+    Its ``progress`` hears what happens; where there is none, whoever hears already.
     """
     computing, signature = one_thread(function), inspect.signature(function)
     # What help and notebooks show: each option in the place of ``**changes``.
-    shown = dict(signature.parameters)
-    kind = ""
+    shown, kind = dict(signature.parameters), None
     if shown.pop("changes", None):
-        kind = shown["options"].annotation
+        kind = function.__globals__[shown["options"].annotation]
         shown["options"] = shown["options"].replace(default=None)
-    options: type[Options] | None = function.__globals__.get(kind)
-    for each in fields(options) if options is not None else ():
-        own = inspect.Parameter(
-            each.name, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=each.type
-        )
-        shown.setdefault(each.name, own)
+        for each in fields(kind):
+            own = inspect.Parameter(
+                each.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=each.default,
+                annotation=each.type,
+            )
+            shown.setdefault(each.name, own)
 
     @wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> T:
-        token = _running.set(function)
-        try:
-            for name in kwargs.keys() - shown.keys():
-                raise refusal(f"there is no argument or option '{name}'{closest(name, shown)}")
-            try:
-                bound = signature.bind(*args, **kwargs)
-            except TypeError as error:
-                raise refusal(str(error)) from None
-            given = bound.arguments
+        name = function.__name__
+        for unknown in kwargs.keys() - shown.keys():
+            what = f"{name} has no argument or option '{unknown}'{closest(unknown, shown)}"
+            raise WrongUsage(what, fix=f"help(dynid.{name})")
+        bound = signature.bind(*args, **kwargs)
+        given = bound.arguments
+        if kind is not None:
+            options, changes = given.get("options"), given.pop("changes", {})
             if options is not None:
-                changes = given.pop("changes", {})
-                given["options"] = _merged(options, given.get("options"), changes)
-            for name, value in given.items():
-                words = str(signature.parameters[name].annotation).split(" | ")
-                types: list[Any] = [
-                    TYPES.get(word, function.__globals__.get(word)) for word in words
-                ]
-                # An alias or a type with brackets is read by the function itself.
-                if all(isinstance(one, (type, tuple)) for one in types):
-                    wrong = isinstance(value, bool) and "bool" not in words
-                    if wrong or not any(isinstance(value, one) for one in types):
-                        raise refused(name, " or ".join(words), value)
-            listener = given.get("progress")
-            with heard_by(LISTENER.get() if listener is None else listener):
-                return computing(*bound.args, **bound.kwargs)
-        finally:
-            _running.reset(token)
+                instance(options, kind, "options", f"dynid.{kind.__name__}")
+            if options is None or changes:
+                options = kind(**changes) if options is None else replace(options, **changes)
+            given["options"] = options
+        listener = given.get("progress")
+        with heard_by(LISTENER.get() if listener is None else listener):
+            return computing(*bound.args, **bound.kwargs)
 
     called.__signature__ = signature.replace(parameters=[*shown.values()])  # type: ignore[attr-defined]
     return called
 
 
-def refusal(what: str) -> WrongUsage:
-    """Return a refusal that shows how the function is called."""
-    function = _running.get()
-    if function is None:
-        return WrongUsage(what)
-    lines = (function.__doc__ or "").partition("Example:\n")[2].strip().splitlines()
-    fix = f"such as {lines[0].strip()}" if lines else f"help(dynid.{function.__name__})"
-    return WrongUsage(
-        what, where=f"dynid.{function.__name__}", why="the function cannot use this value", fix=fix
-    )
+def instance(value: object, kind: type[T], name: str, wanted: str) -> T:
+    """Return an argument that is of a type.
 
-
-def refused(name: str, wanted: str, value: object) -> WrongUsage:
-    """Return what to raise when an argument is something else than what is wanted."""
-    shape = getattr(value, "shape", None)
-    if value is None or isinstance(value, (str, int, float)):
-        given = f"{value!r:.60}"
-    elif isinstance(shape, tuple):
-        given = f"an array of shape {shape}"
-    else:
-        given = f"an object of type {type(value).__name__}"
-    return refusal(f"{name} must be {wanted}; given is {given}")
-
-
-def _merged(kind: type[Options], given: Options | None, changes: Mapping[str, Any]) -> Options:
-    """Return options of a kind, given as an object of it or of one that it extends, single keywords, or both."""
-    if given is None:
-        return kind(**changes)
-    if not isinstance(given, kind):
-        if not isinstance(given, Options) or not issubclass(kind, type(given)):
-            wanted = f"dynid.{kind.__name__}, or single options by name"
-            raise refused("options", wanted, given)
-        given = kind(**{each.name: getattr(given, each.name) for each in fields(given)})
-    return replace(given, **changes) if changes else given
-
-
-# ---------------------------------------------------------------- single arguments
-def words(value: str | Sequence[str], name: str, known: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return one or several words, of those that are known where there are any."""
-    items = several(value, (str,), name, "a word or a list of words", empty=True)
-    for word in items:
-        if not isinstance(word, str) or (known and word not in known):
-            among = f"one of {', '.join(known)}" if known else "words"
-            raise refused(name, f"{among}{closest(str(word), known)}", word)
-    return tuple(items)
-
-
-def instance(value: Any, kind: type[T], name: str, wanted: str) -> T:  # noqa: ANN401
-    """Return an argument that is of a type."""
+    Raises:
+        WrongUsage: it is of another.
+    """
     if not isinstance(value, kind):
-        raise refused(name, wanted, value)
+        given = "None" if value is None else f"an object of type {type(value).__name__}"
+        raise WrongUsage(f"{name} must be {wanted}; given is {given}")
     return value
-
-
-def several(
-    value: Any,  # noqa: ANN401
-    single: tuple[type, ...],
-    name: str,
-    wanted: str,
-    *,
-    empty: bool = False,
-) -> list[Any]:
-    """Return the items of a list, for which a single one may stand."""
-    if isinstance(value, single):
-        return [value]
-    if (
-        not isinstance(value, Iterable)
-        or isinstance(value, (str, bytes, Mapping))
-        or hasattr(value, "shape")
-    ):
-        raise refused(name, wanted, value)
-    items = list(value)
-    if not items and not empty:
-        raise refusal(f"{name} is empty: it must be {wanted}")
-    return items

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-import numpy as np
-
-from dynid import arguments
-from dynid.arguments import one_thread, public
+from dynid.arguments import instance, one_thread, public
 from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.gravity import check_gravity
-from dynid.errors import Finding, NotAnArtifact, RobotNotFound, WrongUsage, located
+from dynid.errors import Finding, RobotNotFound, WrongUsage, located
 from dynid.estimation.result import Identification
 from dynid.files import robotfile
 from dynid.files.logs import FORMATS
@@ -44,7 +40,7 @@ RobotLike: TypeAlias = Robot | str | Path
 LogLike: TypeAlias = Log | str | Path
 LogsLike: TypeAlias = LogLike | Sequence[LogLike]
 ResultLike: TypeAlias = Identification | str | Path
-MotionLike: TypeAlias = Motion | HasMotion | Log | str | Path
+MotionLike: TypeAlias = Motion | HasMotion | str | Path
 
 
 _ROBOT = "an arm: a name such as 'kuka_lwr4plus', the path of a robot file or URDF, or what dynid.load_robot returns"
@@ -56,7 +52,7 @@ _LOG = "a log: its path, or what dynid.load_log returns"
 _RESULT = "a result: its folder, its parameters.npz, or what dynid.identify returns"
 
 
-_MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz or of a log"
+_MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz"
 
 
 URDF = ".urdf"
@@ -227,77 +223,49 @@ def parameters_of(run: Path) -> Path:
     return run / "parameters.npz" if run.is_dir() else run
 
 
-def _motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
-    """Return the motion that a log went through, evenly sampled."""
-    from scipy.signal import savgol_filter
-
-    log = load_log(recording, robot)
-    t = log.t - log.t[0]
-    even = np.linspace(0.0, float(t[-1]), len(t))
-    signal = np.stack([np.interp(even, t, column) for column in log.q.T], axis=1)
-    # Why at most: of a fast and short log, the window would take more samples than there are.
-    window = min(max(7, 2 * round(0.05 / even[1]) + 1), (len(even) - 1) // 2 * 2 + 1)
-    return Motion(
-        even,
-        *(savgol_filter(signal, window, 5, deriv, even[1], axis=0) for deriv in range(3)),
-    )
-
-
 def as_robot(value: RobotLike, name: str = "robot") -> Robot:
     """Return an arm given by itself, by name, or by the path of its file."""
     if isinstance(value, (str, Path)):
         return load_robot(value)
-    return arguments.instance(value, Robot, name, _ROBOT)
+    return instance(value, Robot, name, _ROBOT)
 
 
 def as_log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:
     """Return a log given by itself, or by its path."""
     if isinstance(value, (str, Path)):
         return read_log(value, arm, options)
-    return arguments.instance(value, Log, name, _LOG)
+    return instance(value, Log, name, _LOG)
 
 
-def as_logs(
-    value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs", *, empty: bool = False
-) -> list[Log]:
-    """Return one or several logs, each given by itself or by its path; no log at all only where that is allowed."""
-    items = arguments.several(
-        value, (Log, str, Path), name, f"{_LOG}; or a list of them", empty=empty
-    )
-    return [
-        as_log(each, arm, options, f"{name}[{k}]" if len(items) > 1 else name)
-        for k, each in enumerate(items)
-    ]
+def as_logs(value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs") -> list[Log]:
+    """Return one or several logs, each given by itself or by its path."""
+    return [as_log(each, arm, options, name) for each in _several(value, name)]
+
+
+def _several(value: Any, name: str) -> list[Any]:  # noqa: ANN401
+    """Return the items of a list, for which a single one may stand."""
+    items = [*value] if isinstance(value, (list, tuple)) else [value]
+    if not items:
+        raise WrongUsage(f"{name} is empty")
+    return items
 
 
 def as_result(value: ResultLike, name: str = "result") -> Identification:
     """Return a result given by itself, by its folder, or by its file."""
     if isinstance(value, (str, Path)):
         return load_run(Path(value))
-    return arguments.instance(value, Identification, name, _RESULT)
+    return instance(value, Identification, name, _RESULT)
 
 
 def as_results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]:
     """Return one or several results, each given by itself, by its folder, or by its file."""
-    items = arguments.several(
-        value, (Identification, str, Path), "results", f"{_RESULT}; or a list of them"
-    )
-    return [as_result(each, f"results[{k}]") for k, each in enumerate(items)]
+    return [as_result(each, "results") for each in _several(value, "results")]
 
 
 def as_motion(value: MotionLike, arm: Robot) -> Motion:
-    """Return a motion given by itself, in a plan or a log, or by the path of its file."""
-    if isinstance(value, (str, Path)):
-        value = Path(value)
-        with suppress(NotAnArtifact, KeyError):
-            value = read_trajectory(value, arm)
-    if isinstance(value, (Log, Path)):
-        motion = _motion_of_log(value, arm)
-    else:
-        held = getattr(value, "motion", value)
-        motion = arguments.instance(held, Motion, "motion", _MOTION)
+    """Return a motion given by itself, in a plan, or by the path of its file."""
+    held = read_trajectory(Path(value), arm) if isinstance(value, (str, Path)) else value
+    motion = instance(getattr(held, "motion", held), Motion, "motion", _MOTION)
     if motion.q.shape[1] != arm.n:
-        raise arguments.refusal(
-            f"motion has {motion.q.shape[1]} joints, and {arm.name} has {arm.n}"
-        )
+        raise WrongUsage(f"motion has {motion.q.shape[1]} joints, and {arm.name} has {arm.n}")
     return motion

@@ -7,10 +7,9 @@ function whether it comes as text from a terminal or as a Python value from a no
 
 from __future__ import annotations
 
-import inspect
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import Field, dataclass, field, fields, is_dataclass
+from dataclasses import Field, dataclass, field, fields
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -40,8 +39,7 @@ class Declaration:
         repeatable: whether it may be given several times.
         shown: what None means, as help and the inputs of results say it.
         kind: type on the command line where annotation and default do not tell it: ``"input"`` (file that exists),
-            ``"folder"``, ``"positive"`` and ``"float"`` (number above or from 0), ``"count"`` (whole number from 1),
-            ``"effects"`` (identifiers that the shell completes).
+            ``"folder"``, ``"level"`` (how often it is given), ``"effects"`` (identifiers that the shell completes).
         bounds: smallest and largest number, None for no bound.
         off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
         deliberate: whether only the command line may give it, no variable of the environment and no file.
@@ -85,22 +83,6 @@ class Options:
     Raises:
         WrongUsage: a value is not possible; the message names the option and gives an example.
     """
-
-    def __init_subclass__(cls) -> None:
-        """Describe the fields in the docstring from their declarations, so that they are described once."""
-        super().__init_subclass__()
-        inherited = {
-            each.name: each
-            for base in reversed(cls.__mro__[1:])
-            if is_dataclass(base)
-            for each in fields(base)
-        }
-        own = {name: each for name, each in vars(cls).items() if isinstance(each, Field)}
-        lines = [
-            f"    {name}: {declaration_of(each).help}"
-            for name, each in {**inherited, **own}.items()
-        ]
-        cls.__doc__ = "\n".join([inspect.cleandoc(cls.__doc__ or ""), "", "Attributes:", *lines])
 
     def __post_init__(self) -> None:
         for declared in fields(self):
@@ -159,18 +141,17 @@ def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
         if not fits or (isinstance(value, bool) and "bool" not in types):
             raise TypeError(f"it must be {' or '.join(types)}")
         value = Path(value) if "Path" in types and isinstance(value, str) else value
-    several, (low, high) = value if isinstance(value, tuple) else (value,), said.bounds
+    several = value if isinstance(value, tuple) else (value,)
     if said.read is None and said.choices and not {*several} <= {*said.choices, None}:
         raise ValueError(f"it must be one of {', '.join(said.choices)}")
     if any(isinstance(each, float) and not abs(each) <= MOST for each in several):
         raise ValueError(f"it must be a number up to {MOST:g}")
-    if (said.kind in ("positive", "float") or low == 0) and value is not None:
-        low = 0.0 if said.kind != "positive" and value == 0 else LEAST
-    # Why so: what is not a number is neither below nor above.
-    if low is not None and not value >= low:
-        raise ValueError(f"it must be at least {low:g}")
-    if high is not None and not value <= high:
-        raise ValueError(f"it must be at most {high:g}")
+    low, high = said.bounds
+    if low is not None and value is not None:
+        low = LEAST if low == 0 and value != 0 else low
+        # Why so: what is not a number is neither below nor above.
+        if not low <= value <= (MOST if high is None else high):
+            raise ValueError(f"it must be from {low:g} to {MOST if high is None else high:g}")
     return value
 
 
@@ -278,7 +259,10 @@ class LogOptions(Options):
         None, "ROS topic of the joint states (default: the driver's).", metavar="TOPIC"
     )
     rate: float | None = option(
-        None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
+        None,
+        "Sample rate [Hz] of text logs without a time column.",
+        metavar="HZ",
+        bounds=(LEAST, None),
     )
     anyway: bool = option(
         False,

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import PackageMissing
@@ -28,16 +27,10 @@ class Table(list[dict[str, Any]]):
 
     Args:
         rows: dictionaries with the same keys, in the order of the columns.
-        styles: how words in it look on a terminal.
     """
 
-    def __init__(
-        self,
-        rows: Sequence[Mapping[str, Any]],
-        styles: Mapping[str, str] = MappingProxyType({}),
-    ) -> None:
+    def __init__(self, rows: Sequence[Mapping[str, Any]]) -> None:
         super().__init__(map(dict, rows))
-        self.styles = styles
 
     def to_dataframe(self) -> DataFrame:
         """Return the rows as a pandas DataFrame.

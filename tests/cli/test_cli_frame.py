@@ -325,12 +325,6 @@ def test_the_end_of_input_is_an_answer_that_nobody_gave(dynid):
     assert "not asked: end of input" in done.err
 
 
-def test_a_terminal_that_never_answers_sensibly_ends_with_e703(dynid):
-    done = dynid.typing("toy ask P1", keys=["x\n"] * 9)
-    assert done.status == 7
-    assert "error[E703]" in done.err
-
-
 def test_a_variable_asks_nothing_on_a_terminal_either(dynid):
     assert "not asked: --no-input" in dynid.typing("toy ask P1", DYNID_NO_INPUT="1").err
 

@@ -148,8 +148,8 @@ def test_parameters_then_identify_equals_identify_at_once_to_the_byte(arm, finis
 @pytest.mark.parametrize(
     ("words", "named"),
     rows("""
-        unseen.csv            | log 1 sha
-        unseen.csv --no-input | log 1 sha
+        unseen.csv            | log 1
+        unseen.csv --no-input | log 1
         log.csv --method ols  | method auto -> ols
         log.csv --cutoff 4    | cutoff auto -> 4
     """),

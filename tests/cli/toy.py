@@ -38,7 +38,7 @@ def talks(session, word, **_):
     finding = Finding("W316", "warning", f"{word} reads 1.8 Nm at rest")
     rows = (word, "0.42 Nm"), ("joint_2", "0.31 Nm")
     errors = [{"joint": joint, "rms error": error} for joint, error in rows]
-    table = Table(errors, styles={"joint_2": "red"})
+    table = Table(errors)
     return Answer({"schema": "dynid/toy/1", "joint": word}, parts=[finding, table])
 
 

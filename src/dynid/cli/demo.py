@@ -12,12 +12,11 @@ import click
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import dynid_command, invoke, load_robot
+from dynid.cli.options import dynid_command, invoke
 from dynid.cli.session import Session, program
 from dynid.files import packaged
 from dynid.reports.demo_page import Chapter, write_demo_page
 from dynid.text import shell
-from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.preview import Drawing
 
 if TYPE_CHECKING:
@@ -44,16 +43,15 @@ CAPTIONS = {
     examples=(
         "dynid demo",
         "dynid demo --robot kinova_gen2",
-        "dynid demo --robot my_arm.yaml     your own arm, simulated",
         "dynid demo --effect random --seed 3",
     ),
 )
 @click.option(
     "--robot",
+    type=click.Choice([*ARMS]),
     default="kuka_lwr4plus",
     show_default=True,
-    metavar="ROBOT",
-    help=f"The arm: {' or '.join(ARMS)} with shipped logs; any other, a robot file or a URDF, is simulated now.",
+    help="The arm, whose logs come with dynid.",
 )
 @click.option(
     "--effect",
@@ -65,9 +63,9 @@ def command(session: Session, robot: str, effect: str | None) -> Answer:
     top = session.out or Path("out/demo")
     if effect:
         return find_hidden(session, effect, session.out or top / "effect")[0]
-    arm = load_robot(session, robot, None)
+    arm = dynid.load_robot(robot)
     folder = session.out or top / arm.slug
-    chapters, facts = all_loops(session, arm, robot, folder, top)
+    chapters, facts = all_loops(session, arm, robot, folder)
     if robot == workflows.demo.ROBOT:
         story, chapter = find_hidden(session, "random", top / "effect")
         session.show(story)
@@ -86,52 +84,38 @@ def command(session: Session, robot: str, effect: str | None) -> Answer:
 
 
 def all_loops(
-    session: Session, arm: Robot, robot: str, folder: Path, top: Path
+    session: Session, arm: Robot, robot: str, folder: Path
 ) -> tuple[list[Chapter], dict[str, Any]]:
-    """Derive the model, plan a motion, identify and validate; return chapters of the page and the facts."""
+    """Derive the model, look at a motion, identify and validate; return chapters of the page and the facts."""
     model, first = step(session, ", loop 1", "model", (robot, "-o", folder), ("--reduce",))
     size = f"{model['n_parameters']} parameters, {model['rank']} base parameters"
     session.stage("model", size)
-    planned = motion(session, arm, robot, folder, top)
-    if robot in ARMS:
-        known = workflows.demo.shipped(ARMS[robot])
-    else:
-        session.say(
-            "--- two motions of the arm, with bodies up to 20 % off, friction, noise", "bold"
-        )
-        folder.mkdir(parents=True, exist_ok=True)
-        known = workflows.demo.simulate_own(arm, folder, session.seed)
-    log, unseen = known.logs
-    what, words = f", loop 3, on a log simulated by {known.physics}", (robot, log, "-o", folder)
+    shown = motion(session, arm, robot, folder)
+    (log, unseen), truth = workflows.demo.shipped(ARMS[robot])
+    what, words = ", loop 3, on a log simulated by PyBullet", (robot, log, "-o", folder)
     identified, third = step(session, what, "identify", words, ("-f", "--no-report"))
     validated, last = step(session, ", on another motion", "validate", (folder, unseen), ("-f",))
-    counted = workflows.demo.against_truth(dynid.loading.load_run(folder), known.truth)
+    counted = workflows.demo.against_truth(dynid.loading.load_run(folder), truth)
     inside = (
         "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval."
     )
     torque = (folder / "validation" / unseen.stem / "torque.png", "Measured and predicted torque.")
     chapters = [
         replace(first, text=(f"{size} determine the torques of this arm.",)),
-        planned,
+        shown,
         replace(third, text=(third.text[0], inside.format(**counted))),
         replace(last, pictures=(torque,)),
     ]
     return chapters, {"identify": identified, "validate": validated, "truth": counted}
 
 
-def motion(session: Session, arm: Robot, robot: str, folder: Path, top: Path) -> Chapter:
-    """Judge the shipped motion of an arm, or plan a random one; return what is said of it, with pictures."""
+def motion(session: Session, arm: Robot, robot: str, folder: Path) -> Chapter:
+    """Judge the shipped motion of an arm; return what is said of it, with pictures."""
     session.say("--- dynid trajectory, loop 2: a motion that excites the parameters", "bold")
-    base = workflows.model.base_model(arm, folder)
-    shown, work = Drawing(folder / "preview.png"), workflows.trajectory
-    if robot in ARMS:
-        shipped = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz"
-        stored = work.review_trajectory(arm, shipped, base=base, drawing=shown)
-        facts, pictures = stored.stored.facts["answer"], stored.clearance.pictures
-    else:
-        options = PlanOptions(optimise=False, duration=10.0, seed=session.seed)
-        planned = work.plan_trajectory(arm, options, base=base, drawing=shown)
-        facts, pictures = planned.facts(), planned.clearance.pictures
+    file = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz"
+    base, drawing = workflows.model.base_model(arm, folder), Drawing(folder / "preview.png")
+    judged = workflows.trajectory.review_trajectory(arm, file, base=base, drawing=drawing)
+    facts, pictures = judged.stored.facts["answer"], judged.clearance.pictures
     size = f"condition number {facts['condition_number_scaled']:.3g}"
     said = [f"A motion of {facts['duration_s']:.0f} s inside all limits; {size}."]
     if facts["closest_m"] is not None:
@@ -141,7 +125,7 @@ def motion(session: Session, arm: Robot, robot: str, folder: Path, top: Path) ->
     return Chapter(
         "A motion that excites them",
         tuple(said),
-        (shell("dynid", "trajectory", robot, "-o", top / "motion"),),
+        (shell("dynid", "trajectory", robot),),
         tuple((each, "The planned motion: the arm at several times.") for each in pictures),
     )
 

@@ -109,7 +109,7 @@ def added(
         # Why both: MuJoCo has no error of its own for a model that it refuses.
         parts.append(("simulator", f"not driven: {error}"))
     else:
-        parts += [driven.sentence(), workflows.gap.in_one_cell(driven.table())]
+        parts += [driven.sentence(), driven.table()]
         facts["simulator"] = driven.facts()
         wrote.append(driven.save(run.simulated))
         if plot:

@@ -9,7 +9,6 @@ A command is a function ``command(session, ...)`` under ``@dynid_command("name",
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import Field, fields, replace
 from functools import partial, wraps
@@ -39,7 +38,6 @@ Decorator = Callable[[Callable[..., Any]], Any]
 #: Options that every command has, and those of them with one letter.
 COMMON = tuple(each.name for each in fields(Session))
 SHORT = ("out", "force", "yes", "quiet", "verbose")
-LIKE_AN_OPTION = re.compile("--|-[ofyqvh]$")
 #: What stands for a path.
 PATH = click.Path(path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -131,10 +129,7 @@ def options_from(
 KINDS: dict[str, dict[str, Any]] = {
     "input": {"type": INPUT},
     "folder": {"type": click.Path(file_okay=False, path_type=Path)},
-    "count": {"type": click.IntRange(min=1)},
     "level": {"count": True},
-    "positive": {"type": click.FloatRange(min=0, min_open=True)},
-    "float": {"type": click.FloatRange(min=0)},
     "effects": {"shell_complete": EFFECTS},
 }
 
@@ -155,7 +150,7 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
     elif said.choices:
         facts["type"] = click.Choice(said.choices)
     elif said.bounds != (None, None):
-        ranged: Any = click.IntRange if isinstance(each.default, int) else click.FloatRange
+        ranged: Any = click.IntRange if "int" in str(each.type) else click.FloatRange
         facts["type"] = ranged(*said.bounds)
     elif said.read is not None:
         facts["type"] = str
@@ -225,18 +220,7 @@ class Command(click.Command):
         ctx.meta["dynid.given"] = ctx.params
         if self.repeatable and not ctx.resilient_parsing:
             args = repeated(ctx, args)
-        rest = super().parse_args(ctx, args)
-        # Why: --out --json names no folder, its value was forgotten.
-        for param in self.params:
-            value = ctx.params.get(str(param.name))
-            for word in map(str, value if isinstance(value, tuple) else [value]):
-                if isinstance(param, click.Option) and LIKE_AN_OPTION.match(word):
-                    flag = param.opts[-1]
-                    raise WrongUsage(
-                        f"{flag} needs a value, and '{word}' is an option",
-                        fix=f"{flag} VALUE {word}, or ./{word} where a file is called so",
-                    )
-        return rest
+        return super().parse_args(ctx, args)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the common ones."""

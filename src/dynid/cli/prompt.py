@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import select
 import sys
 from collections.abc import Mapping
@@ -21,9 +20,6 @@ from dynid.cli.session import Session, plain
 from dynid.disk import sha256, write_text
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
 from dynid.text import shell, visible
-
-#: After so many answers that are none, the terminal is taken to be a machine.
-ATTEMPTS = 5
 
 
 class Reply(Enum):
@@ -118,18 +114,12 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
     else:
         note = f"  {question.note}  " if question.note else ""
         usual = "".join(letter.lower() for letter in question.choices if letter.isupper())
-        for _ in range(ATTEMPTS):
-            line = _read_line(session, f"? {text} [{letters}] {note}")
-            if line is None:
-                break
+        while (line := _read_line(session, f"? {text} [{letters}] {note}")) is not None:
             word = line.strip().lower() or usual
             for each in Reply:
                 if word and each.value.startswith(word) and each.value[0] in letters.lower():
                     return each
             session.say(f"  answer with one of {', '.join(question.choices.lower())}")
-        else:
-            tried = f"{ATTEMPTS} answers were none of {letters.lower()}"
-            raise CannotAsk(f'cannot ask "{text}": {tried}', fix=f"add {question.flag}")
     shown = question.unasked_text if answer == "no" else answer
     session.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2)
     return Reply(answer)
@@ -256,8 +246,5 @@ def _difference(stored: object, inputs: Mapping[str, str]) -> str:
     for name in sorted({*stored, *inputs}):
         old, new = (str(each.get(name, "none")) for each in (stored, inputs))
         if old != new:
-            # Why: of hashes the beginning tells enough.
-            hashes = any(re.fullmatch("[0-9a-f]{16,}", text) for text in (old, new))
-            what = f"{name} sha {old[:4]} -> {new[:4]}" if hashes else f"{name} {old} -> {new}"
-            changes.append(what)
+            changes.append(f"{name} {old:.12} -> {new:.12}")
     return f"differs in inputs ({', '.join(changes)})"

@@ -84,14 +84,7 @@ def compare_command(
     **files: Path | None,
 ) -> Answer:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
-    paths = [dynid.loading.parameters_of(run) for run in runs]
-    comparison = workflows.compare.compare(
-        paths,
-        baseline=baseline,
-        tolerance=options.tolerance,
-        names=workflows.compare.short_names(paths, runs),
-        baseline_name=str(baseline or ""),
-    )
+    comparison = dynid.compare(runs, baseline=baseline, tolerance=options.tolerance)
     wrote = {kind: path for kind, path in files.items() if path is not None}
     for kind, path in wrote.items():
         write_text(path, getattr(comparison, kind)())

@@ -20,7 +20,7 @@ from datetime import datetime
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
@@ -48,9 +48,6 @@ UNLIMITED = 400
 PATIENCE = 0.5
 #: Steps that are shown without -v.
 STEPS = 2
-#: How words of a line look; colour never says something alone.
-Styles = Mapping[str, str]
-PLAIN: Styles = MappingProxyType({})
 
 
 class QuietConsole(Console):
@@ -136,9 +133,7 @@ class Session(Options):
             what = f"cannot write {path}: {error.strerror}"
             raise CannotWrite(what, where=path, fix="give another --log-file") from error
 
-    def _print(
-        self, console: Console, text: str, style: str, indent: int | None, styles: Styles
-    ) -> None:
+    def _print(self, console: Console, text: str, style: str, indent: int | None) -> None:
         """Print one line; with an indent it is folded between words where a terminal ends."""
         self.progress.end()
         line = visible(text)
@@ -150,25 +145,16 @@ class Session(Options):
                 break_long_words=False,
                 break_on_hyphens=False,
             )
-        shown = Text(line, style)
-        for word, look in styles.items():
-            shown.highlight_words([word], look)
-        console.print(shown, soft_wrap=True)
+        console.print(Text(line, style), soft_wrap=True)
 
     # ------------------------------------------------------------ stderr
     def say(
-        self,
-        text: str,
-        style: str = "",
-        indent: int | None = None,
-        *,
-        shown: bool = True,
-        styles: Styles = PLAIN,
+        self, text: str, style: str = "", indent: int | None = None, *, shown: bool = True
     ) -> None:
-        """Say a line on stderr, with a style for all of it or for single words; --log-file has it in any case."""
+        """Say a line on stderr; --log-file has it in any case."""
         self._copied(text)
         if shown:
-            self._print(self.stderr, text, style, indent, styles)
+            self._print(self.stderr, text, style, indent)
 
     def stage(self, name: str, text: str, *, shown: bool = True) -> None:
         """Say what a stage found: a short label and a sentence; not with --quiet."""
@@ -183,17 +169,15 @@ class Session(Options):
     def findings(self, findings: Sequence[Finding]) -> None:
         """Say warnings, and with -v what is only worth knowing."""
         for each in findings:
-            head, known = f"{each.level}[{each.code}]", each.level == "info"
-            shown, styles = bool(self.verbose) or not known, {head: "cyan" if known else "yellow"}
-            self.say(f"{head} {each.text}", "", SENTENCE, shown=shown, styles=styles)
+            known, text = each.level == "info", f"{each.level}[{each.code}] {each.text}"
+            shown, style = bool(self.verbose) or not known, "cyan" if known else "yellow"
+            self.say(text, style, SENTENCE, shown=shown)
 
     # ------------------------------------------------------------ stdout; nothing of it but JSON with --json
-    def answer(
-        self, text: str = "", style: str = "", indent: int | None = None, styles: Styles = PLAIN
-    ) -> None:
-        """Print lines of the answer, folded and styled as ``say`` does."""
+    def answer(self, text: str = "", style: str = "", indent: int | None = None) -> None:
+        """Print lines of the answer, folded as ``say`` does."""
         for line in [] if self.json else text.split("\n"):
-            self._print(self.stdout, line, style, indent, styles)
+            self._print(self.stdout, line, style, indent)
 
     def part(self, part: Part) -> None:
         """Print a part of an answer; warnings go to stderr, tables wider than the terminal have one line a cell."""
@@ -205,7 +189,7 @@ class Session(Options):
                 for text in (*part.reasons, *part.warnings, ""):
                     self.answer(text, indent=SENTENCE)
             case Table():
-                head, *lines = repr(Table(part)).splitlines() or [""]
+                head, *lines = repr(part).splitlines() or [""]
                 if max(map(len, (head, *lines))) > self.stdout.width:
                     width = max(map(len, part[0]))
                     cells = [cell for row in part for cell in row.items()]
@@ -213,7 +197,7 @@ class Session(Options):
                 elif part:
                     self.answer(head, "bold")
                 for line in lines:
-                    self.answer(line, styles=part.styles)
+                    self.answer(line)
             case str():
                 self.answer(part, indent=SENTENCE)
             case label, text:

@@ -30,14 +30,14 @@ THERE = click.Path(exists=True, path_type=Path)
     "simulate",
     examples=(
         "dynid simulate ur5e out/ur5e/trajectory.npz",
-        "dynid simulate my_arm.yaml log.bag --payload 2 --delay 0.004",
+        "dynid simulate my_arm.yaml trajectory.npz --payload 2 --delay 0.004",
         "dynid simulate my_arm.yaml trajectory.npz --effect torque_offset@2:c=3",
         "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log",
     ),
 )
 @click.argument("robot", shell_complete=ROBOTS)
 @TIP
-@click.argument("source", metavar="TRAJECTORY|LOG", type=THERE)
+@click.argument("source", metavar="TRAJECTORY", type=THERE)
 @options_from(SimulateOptions)
 @click.option(
     "--compare",

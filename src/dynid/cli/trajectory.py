@@ -86,10 +86,10 @@ ALPHA = click.FloatRange(0, 1, min_open=True)
 )
 @click.option(
     "--earlier",
-    metavar="FILE",
+    metavar="RESULT",
     multiple=True,
     type=click.Path(path_type=Path, exists=True),
-    help="Log, parameters.npz or trajectory.npz whose information the motion completes; may be repeated.",
+    help="Result whose information the motion completes; may be repeated.",
 )
 @click.option(
     "--for-gap",

@@ -25,7 +25,6 @@ from dynid.judgement.evidence import (
     Evidence,
     GapEvidence,
     JointEvidence,
-    OtherArm,
     Unseen,
 )
 from dynid.model.effects.catalogue import CATALOGUE
@@ -69,13 +68,11 @@ def evidence_of(result: Identified) -> Evidence:
     physical, factors, repeats = result.in_force == "physical", result.factors, None
     if header.get("noise_floor_nm") is not None:
         repeats = bool(header.get("noise_repeats_s", 0.0))
-    plain = possible = left_out = None
+    plain = possible = None
     if factors.size:
         plain = relative_error(factors, result.plain)
         possible = relative_error(factors, result.reduction.K @ result.physical.x)
-    rows, rate = result.samples * np.count_nonzero(result.counts), header.get("kept_rate_hz")
-    if rows:
-        left_out = max(0.0, 1.0 - float(result.counts.sum()) / rows)
+    rate = header.get("kept_rate_hz")
     evidence = Evidence(
         robot=robot.source or str(robot.path or robot.slug),
         result=str(result.path) if result.path.name else "",
@@ -94,10 +91,7 @@ def evidence_of(result: Identified) -> Evidence:
         or None,
         known=sum(map(knowledge.count, (KNOWN_WELL, NEGLIGIBLE))) / max(1, len(result.names)),
         open=knowledge.count(NOT_DETERMINED),
-        condition=result.condition_number_scaled,
         seconds=result.samples / float(rate) if rate else None,
-        left_out=left_out,
-        other=None if header.get("other_arm") is None else OtherArm(**header["other_arm"]),
     )
     if not result.path.name:
         return evidence

@@ -16,7 +16,6 @@ from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import COUNTERBALANCE, counterbalances
 from dynid.gap.delays import EffectSearch, search_effects
 from dynid.gap.forward_simulation import simulate_held_out
-from dynid.gap.gap_rows import gap_rows
 from dynid.gap.held_out import (
     HeldOutImprovement,
     fitted_with,
@@ -28,7 +27,7 @@ from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem
 from dynid.gap.selected_effects import SelectedEffect, with_columns
 from dynid.gap.verdict import GapVerdict, judge, refusal
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS
 from dynid.signals.conditioned_log import ConditionedLog
 
@@ -198,13 +197,6 @@ def _replays(
     except PackageMissing:
         return None
     return None if before is None or after is None else (before, after)
-
-
-def relative_error(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> float:
-    """Return what base parameters, (p,), leave of the torques of logs [%]."""
-    rows = gap_rows(logs, base, model_torques(base.model, base.reduction, theta))
-    residual, tau = (np.sum(x[rows.use] ** 2) for x in (rows.tau - rows.W @ theta, rows.tau))
-    return float(100.0 * np.sqrt(residual / max(tau, 1e-300)))
 
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:

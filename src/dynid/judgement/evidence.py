@@ -225,21 +225,6 @@ class GapEvidence:
 
 
 @dataclass(frozen=True)
-class OtherArm:
-    """Another arm that explains the logs better.
-
-    Attributes:
-        name: of its robot file.
-        percent: error with its link lengths [%].
-        own: error with those of the robot file that was given [%].
-    """
-
-    name: str
-    percent: float
-    own: float
-
-
-@dataclass(frozen=True)
 class Change:
     """A number that changed since an earlier result.
 
@@ -281,11 +266,8 @@ class Evidence:
         reach: length of all links together [m].
         known: share of the parameters that are known as well as the torques need.
         open: number of parameters that the logs do not determine.
-        condition: of the stacked regressor with normalised columns.
         seconds: length of the logs.
-        left_out: share of the samples that do not count.
         gap: what a search for missing effects found.
-        other: another arm that explains the logs better.
         changes: numbers that changed since an earlier result, the surest first; None where there is no earlier one
             with the same parameters.
         earlier: name of that.
@@ -310,20 +292,12 @@ class Evidence:
     reach: float | None = None
     known: float | None = None
     open: int | None = None
-    condition: float | None = None
     seconds: float | None = None
-    left_out: float | None = None
     gap: GapEvidence | None = None
-    other: OtherArm | None = None
     changes: tuple[Change, ...] | None = None
     earlier: str = ""
     earlier_result: str = ""
     tolerance: float | None = None
-
-    @property
-    def of_another_arm(self) -> bool:
-        """Whether the robot file does not describe the arm of the logs."""
-        return self.other is not None or bool(self.alarms)
 
     @cached_property
     def lights(self) -> tuple[Light, ...]:
@@ -360,11 +334,6 @@ class Evidence:
     def nothing(self) -> bool:
         """Whether the search found that nothing is missing in its logs."""
         return worst(state for state, _ in of_search(self.gap_evidence)) == "good"
-
-    @cached_property
-    def weak(self) -> dict[str, float]:
-        """Joints whose fit is bad, and what is unexplained there [%]."""
-        return {x.joint: x.percent or 0.0 for x in self.joints if joint_state(x) == "bad"}
 
     @cached_property
     def worst_unseen(self) -> Unseen | None:
@@ -539,11 +508,6 @@ def _fit(evidence: Evidence) -> Iterator[Fact]:
     if evidence.alarms:
         codes = ", ".join(evidence.alarms)
         yield "bad", f"the robot file does not describe the arm of the logs ({codes})"
-    if evidence.other is not None:
-        yield "bad", f"{evidence.other.name} explains the logs better"
-    if evidence.left_out is not None:
-        text = f"{100 * evidence.left_out:.0f} % of the samples left out"
-        yield unless_good(grade(evidence.left_out, tuning.LEFT_OUT), text)
 
 
 def _unseen(evidence: Evidence) -> Iterator[Fact]:
@@ -564,12 +528,6 @@ def _knowledge(evidence: Evidence) -> Iterator[Fact]:
             f"{100 * evidence.known:.0f} % of the parameters determined well enough for the torques"
         )
         yield "good" if evidence.known >= tuning.KNOWN else "fair", text
-    if evidence.condition is not None and evidence.condition > tuning.CONDITION:
-        size = f"condition number {evidence.condition:.3g}"
-        yield (
-            "fair",
-            size if math.isfinite(evidence.condition) else "the regressor is rank deficient",
-        )
     if evidence.seconds is not None and evidence.seconds < tuning.SECONDS:
         yield "fair", f"only {evidence.seconds:.2g} s of motion"
 

@@ -7,14 +7,13 @@ pasted, and with the lights that it may turn green: a later step for lights that
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
 from dynid.judgement import tuning
 from dynid.judgement.evidence import (
     OPEN,
-    Change,
     EffectEvidence,
     Evidence,
     Light,
@@ -34,12 +33,6 @@ from dynid.text import shell
 # ---------------------------------------------------------------- the answer
 def answer(e: Evidence) -> str:
     """Return the answer to what was asked; what makes every other answer wrong goes before it."""
-    if e.other is not None:
-        own, other = shown(e.other.own), shown(e.other.percent)
-        return (
-            f"These logs fit another arm better: with the link lengths of {e.other.name} the relative torque error is "
-            f"{other} %, with these {own} %."
-        )
     if e.alarms:
         return "The robot file does not describe the arm of these logs."
     if e.asked == "gap" and e.gap is not None:
@@ -51,36 +44,24 @@ def answer(e: Evidence) -> str:
 
 def of_result(e: Evidence) -> str:
     """Return what a model is worth."""
-    states, fitted, worst = e.states, e.fitted, e.worst_unseen
-    unseen, percent = states["unseen motion"], "" if fitted is None else shown(fitted)
-    trained = f"the training log{'s' * (len(e.logs) > 1)}"
+    states, worst = e.states, e.worst_unseen
+    unseen = states["unseen motion"]
     # What is missing is why the model is no better, and what to do about it.
     if e.gap_evidence.missing:
         return of_gap(e, nothing=False)
-    if unseen == "bad" and worst:
-        rows = f", {percent} % on {trained}" if percent else ""
-        return f"Do not use this model yet. Relative torque error {shown(worst.percent)} % on {worst.name}{rows}."
-    if states["fit"] == "bad" and e.weak:
-        names, most = ", ".join(e.weak), shown(max(e.weak.values()))
-        up_to = "up to " if len(e.weak) > 1 else ""
-        rest = f", {percent} % on all joints together" if percent else ""
+    if unseen == "good" and states["physics"] == "bad" and states["fit"] != "bad":
         return (
-            f"Do not use this model for {names}: relative torque error {up_to}{most} % there{rest}."
+            "The model predicts held-out motions to within their noise, but its parameters are not physically "
+            "consistent: use it for torques, not for its links."
         )
-    if states["fit"] == "bad":
-        much = f"Relative torque error {percent} % on" if percent else "It does not fit"
-        return f"Do not use this model yet. {much} {trained}."
-    if states["physics"] == "bad":
-        if unseen == "good":
-            return (
-                "The model predicts held-out motions to within their noise, but its parameters are not physically "
-                "consistent: use it for torques, not for its links."
-            )
-        return "Do not use this model yet: no physically consistent parameters have these torques."
-    if states["complete"] == "bad":
-        return of_gap(e, nothing=False)
+    for light in e.lights:
+        if light.state == "bad" and light.name == "complete":
+            return of_gap(e, nothing=False)
+        if light.state == "bad":
+            return f"Do not use this model yet. {light.title.capitalize()} is bad: {light.text}."
     if unseen == "open":
-        error = f"Relative torque error {percent} % on {trained}. " if percent else ""
+        logs = f"the training log{'s' * (len(e.logs) > 1)}"
+        error = f"Relative torque error {shown(e.fitted)} % on {logs}. " if e.fitted else ""
         count = states["knowledge"] == "fair" and e.open
         rest = f"; {count} parameters are not determined." if count else "."
         return f"{error}Not yet validated on another motion{rest}"
@@ -125,9 +106,7 @@ def of_replay(unseen: Unseen, e: Evidence) -> str:
             )
         return f"The model is worse on {unseen.name} than expected. {much}."
     what = f"{error} on {unseen.name}, a motion{'' if unseen.same_motion else ' not'} used for training."
-    if state == "bad":
-        return f"Do not use this model yet. {what}"
-    return what + (f" Do not use it for {', '.join(e.weak)}." if e.weak else "")
+    return "Do not use this model yet. " * (state == "bad") + what
 
 
 def of_changes(e: Evidence) -> str:
@@ -232,40 +211,17 @@ def reasons(e: Evidence, sentence: str) -> Iterator[str]:
         yield from _gap_reasons(e)
     elif e.asked == "replay" and e.unseen:
         yield from _replay_reasons(e.unseen[-1], e, sentence)
-    elif e.asked == "change":
-        yield from _change_reasons(e.changes or ())
-    elif tested := e.worst_elsewhere:
+    elif e.asked != "change" and (tested := e.worst_elsewhere):
         yield from _replay_reasons(tested, e, sentence)
-    # Of another arm: what this model is good for is not the question then.
-    if e.asked in ("result", "replay") and not e.of_another_arm:
-        yield from _small_reasons(e)
-
-
-def _change_reasons(changes: tuple[Change, ...]) -> Iterator[str]:
-    if changes and (p := changes[0].p_value) is not None:
-        times = (
-            "less than once in 1,000,000" if p < 1e-6 else f"once in {float(f'{1 / p:.1g}'):,.0f}"
-        )
-        yield f"Noise alone changes {changes[0].name} as much {times} comparisons."
-
-
-def _small_reasons(e: Evidence) -> Iterator[str]:
-    """What a model is good for, and what not, where joints miss much of a torque that is small."""
-    rows = [(joint.percent or 0.0, joint) for joint in e.joints]
-    small = [row for row in rows if row[0] > tuning.FIT[1] and joint_state(row[1]) == "fair"]
-    if not small:
-        return
-    percent, worst = max(small, key=lambda row: row[0])
-    error = worst.fitted or 0.0
-    *others, last = (joint.joint for _, joint in small)
-    who = f"{', '.join(others)} and {last}" if others else last
-    carry, at = ("carry", f" on {worst.joint}") if others else ("carries", "")
-    yield (
-        f"{who} {carry} little torque here: rms error {error:.2g} of {worst.torque:.2g} {worst.unit}{at} "
-        f"({shown(percent)} %), {100 * error / (worst.limit or 1.0):.1g} % of the rated torque. "
-        f"Good enough for motion and simulation, too coarse to detect forces below "
-        f"{tuning.AT_NOISE * error:.2g} {worst.unit} there."
-    )
+    if e.asked in ("result", "replay") and not e.alarms:
+        for joint in e.joints:
+            percent, error = joint.percent or 0.0, joint.fitted or 0.0
+            if percent > tuning.FIT[1] and joint_state(joint) == "fair":
+                share = 100 * error / (joint.limit or 1.0)
+                yield (
+                    f"{joint.joint} carries little torque here: rms error {error:.2g} of {joint.torque:.2g} "
+                    f"{joint.unit} ({shown(percent)} %), {share:.1g} % of the rated torque."
+                )
 
 
 def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]:
@@ -285,31 +241,18 @@ def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]
 def _gap_reasons(e: Evidence) -> Iterator[str]:
     gap, units = e.gap_evidence, {joint.joint: f" {joint.unit}" for joint in e.joints}
     yield from map(likely_effect, gap.instead)
-    rows = list(zip(gap.joints, gap.before, gap.after, gap.noise, strict=True))
     noises = dict(zip(gap.joints, gap.noise, strict=True))
-    proved = [one for one in gap.named if one.before is not None and one.after is not None]
-    told = {one.joint: one for one in proved}
-    if proved and rows:
-        # An effect changes parameters of other joints too, and one of these may gain more than its own.
-        name, before, after, _ = max(rows, key=lambda row: (row[1] - row[2]) / max(row[3], 1e-12))
-        unit = units.get(name, proved[0].unit).strip()
-        most = replace(proved[0], joint=name, before=before, after=after, unit=unit)
-        told = {name: most} | (told if len(told) > 1 else {})
-    for one in told.values():
-        noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
-        what = "without and with the correction" if one.corrected else "on held-out data"
-        sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
-        yield f"Error of {one.joint} {what} {sizes}{noise}."
-    left = [row for row in rows if row[0] in gap.more]
-    if gap.named and left:
-        name, _, after, floor_ = max(left, key=lambda row: row[2] / max(row[3], 1e-12))
-        count = len(left) - 1
-        others = f", and on {count} more joint{'s' * (count > 1)}" if count else ""
-        size = f"{after:.3g}{units.get(name, '')}, noise {floor_:.3g}"
-        yield f"Residual above the noise on {name}: {size}{others}."
-    if not gap.named and not gap.events and rows:
-        name, error, _, floor_ = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
-        size = f"{error:.3g}{units.get(name, '')} on held-out data (noise {floor_:.3g}{e.or_more})"
+    for one in {one.joint: one for one in gap.named}.values():
+        if one.before is not None and one.after is not None:
+            noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
+            what = "without and with the correction" if one.corrected else "on held-out data"
+            sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
+            yield f"Error of {one.joint} {what} {sizes}{noise}."
+    rows = zip(gap.joints, gap.after if gap.named else gap.before, gap.noise, strict=True)
+    left = [row for row in rows if not gap.named or row[0] in gap.more]
+    if left and (gap.named or not gap.events):
+        name, error, floor = max(left, key=lambda row: row[1] / max(row[2], 1e-12))
+        size = f"{error:.3g}{units.get(name, '')} on held-out data (noise {floor:.3g}{e.or_more})"
         yield f"Largest residual relative to noise: {name}, {size}."
     if gap.kept is not None and gap.expected:
         percent = f"{gap.kept:.3g} % (expected {gap.expected:.3g} %)"
@@ -332,8 +275,6 @@ def warnings(e: Evidence) -> Iterator[str]:
     )
     if most and times > tuning.EXPECTED[0] and not at_noise(most, e) and not known:
         yield f"Do not rely on the expected error: on {most.name} it was {times:.2g} times too small."
-    if e.seconds is not None and e.seconds < tuning.SECONDS and e.states["fit"] == "good":
-        yield f"A log of {e.seconds:.2g} s is easy to fit, which says little about other motions."
     if e.gap is not None and not e.gap.repeats:
         yield "The noise is a lower bound, because no motion is repeated: record each motion twice."
     if e.states["physics"] == "bad" and e.physical:
@@ -364,12 +305,7 @@ def steps(e: Evidence) -> Iterator[Step]:
             f"{shell('dynid', 'gap', folder_of(e.earlier_result), *e.fitted_logs)} --ask changed"
         )
         yield Step("Search for what has changed, such as a load, friction or a sensor.", command)
-    if e.other is not None:
-        why = f"Check whether the log is of {e.other.name}, and use the robot file of the arm that made it."
-        yield Step(
-            why, shell("dynid", "check", e.fitted_logs[0], "--robot", e.other.name), (*states,)
-        )
-    elif e.alarms:
+    if e.alarms:
         why = "The robot file and the log do not belong together: see which edit of the file explains the torques."
         yield Step(why, shell("dynid", "check", e.fitted_logs[0], "--robot", e.robot), (*states,))
     if e.gap and states["complete"] != "good" and (not e.odd or e.gap_evidence.named):

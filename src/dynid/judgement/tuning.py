@@ -37,19 +37,8 @@ MASS = (150.0, 500.0)
 #: optimised motions reach 0.8 to 1. Less is never bad: of 32 simulated situations below a half, 16 were within twice
 #: the noise on an unseen motion (first run of benchmarks/judgement.py, seed 1).
 KNOWN = 0.75
-#: Condition number with normalised columns up to which it is good: what such logs leave open, the share of the known
-#: parameters and the error on another motion say better. evidence: benchmarks/judgement.md: 53 cases that were good in
-#: everything else had 20 to 4000, 24 of them more than 150, and all were within twice the noise on one more motion.
-CONDITION = 1000.0
 #: Seconds of motion from which on they are enough. evidence: none yet.
 SECONDS = 10.0
-#: Share of the samples that may be left out, and beyond which the rest says little. evidence: none yet.
-LEFT_OUT = (0.3, 0.7)
-#: The middle one of the joints so many times above its noise speaks for another arm. evidence: a simulated UR3e with
-#: the file of a UR10e, 3.0; hidden effects raise one or two joints; first joints, which carry no weight, stay at 1.4.
-OTHER_ARM = 2.0
-#: Share of the error that may be left with another arm. evidence: none yet.
-OTHER_ARM_GAIN = 0.5
 #: Error of the possible arm on fitted rows that is harmless whatever the plain estimate leaves [%]. evidence: sensors
 #: of joint torque are good to about 1 % of their range.
 HARMLESS = 1.0

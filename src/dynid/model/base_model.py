@@ -114,7 +114,7 @@ class BaseModel(Answered):
         for j, joint in zip(numbers, self.robot.joints, strict=True):
             cells = {kind: symbols.get(f"{kind}{j}", "") for kind in kinds}
             rows.append({"joint": f"{j} {joint.name}", **cells})
-        return Table(rows, styles={"#": "bold green", ".": "red"})
+        return Table(rows)
 
     @property
     def sentence(self) -> str:

@@ -54,26 +54,13 @@ class SimulatorGap(Answered):
         return np.asarray(np.sqrt(np.mean(self.added**2, axis=1)))
 
     def table(self) -> Table:
-        """Return one row per joint: position error [mrad or mm] and torque error [N m or N] of each model."""
-        position, torque = 1000 * self.position_rms, self.torque_rms
-        return Table(
-            [
-                {
-                    "joint": joint.name,
-                    **{
-                        f"position {name}": float(f"{position[k, j]:.3g}")
-                        for k, name in enumerate(self.models)
-                    },
-                    "in": "mrad" if joint.revolute else "mm",
-                    **{
-                        f"torque {name}": float(f"{torque[k, j]:.3g}")
-                        for k, name in enumerate(self.models)
-                    },
-                    "unit": joint.torque_unit,
-                }
-                for j, joint in enumerate(self.robot.joints)
-            ]
-        )
+        """Return one row per joint: position error of each model [mrad or mm]."""
+        rows = []
+        for joint, errors in zip(self.robot.joints, 1000 * self.position_rms.T, strict=True):
+            row = dict(zip(self.models, errors.tolist(), strict=True))
+            unit = "mrad" if joint.revolute else "mm"
+            rows.append({"joint": joint.name, **row, "unit": unit})
+        return Table(rows)
 
     def sentence(self) -> str:
         """Return the answer in one sentence."""

@@ -78,7 +78,7 @@ class PlanOptions(Options):
     restarts: int = option(
         5,
         "Number of starts of the search; when all finish, equal seeds give equal plans.",
-        kind="count",
+        bounds=(1, None),
     )
     seconds: float = option(
         60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, 1e6)
@@ -86,7 +86,9 @@ class PlanOptions(Options):
     margin: float = option(
         "10%", "Share of every limit that stays free.", metavar="SHARE", read=_margin
     )
-    tool_speed: float | None = option(None, "Largest speed of the tool [m/s].", kind="positive")
+    tool_speed: float | None = option(
+        None, "Largest speed of the tool [m/s].", bounds=(LEAST, None)
+    )
     floor: float | None = option(
         "0",
         "Height of the floor in the world [m].",

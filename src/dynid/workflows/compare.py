@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid import arguments
 from dynid.answer import Answer, Answered, Judged, Part, picked
 from dynid.arguments import public
 from dynid.errors import WrongUsage
@@ -64,9 +64,6 @@ class ComparedRun(Judged):
         """Why the run has drifted from the reference; empty when it has not."""
         if not self.changed:
             return ""
-        if self.tolerance is None:
-            names = ", ".join(each.name for each in self.changed)
-            return f"{names} changed more than noise explains"
         worst, more = self.changed[0], len(self.changed) - 1
         rest = f" and {more} more" if more else ""
         change = f"{worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %)"
@@ -253,8 +250,6 @@ def compare(
     *,
     baseline: ResultLike | None = None,
     tolerance: float | str | None = None,
-    names: Sequence[str] = (),
-    baseline_name: str = "",
 ) -> RunComparison:
     """Put results side by side, and say what changed against a baseline, or against the first of them.
 
@@ -263,8 +258,6 @@ def compare(
         baseline: what they are judged against, None for the first result, which judges nothing.
         tolerance: largest change of any number that counts as none, as ``0.01`` or ``"1%"``; None to measure by the
             noise.
-        names: short names of the results; made from their files when not given.
-        baseline_name: name of the baseline.
 
     Raises:
         WrongUsage: there is no result, a tolerance is given without a baseline, a result has other parameters than the
@@ -273,19 +266,17 @@ def compare(
     Example:
         dynid.compare(["out/monday", "out/friday"], baseline="out/golden", tolerance="1%")
     """
-    given = as_results(results)
-    baseline = None if baseline is None else as_result(baseline, "baseline")
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
     share = CompareOptions(tolerance).tolerance  # type: ignore[arg-type]  # it reads text
-    shown = list(arguments.words(names, "names")) or short_names([result.path for result in given])
-    if len(shown) != len(given):
-        raise arguments.refused("names", f"one name for each of {len(given)} results", names)
-    first = baseline or given[0]
-    reference = (baseline_name or short_names([first.path])[0]) if baseline else shown[0]
+    words = [*results] if isinstance(results, (list, tuple)) else [results]
+    given = list(zip(map(_name, words, count(1)), as_results(results), strict=True))
+    reference, first = given[0]
+    if baseline is not None:
+        reference, first = _name(baseline, "baseline"), as_result(baseline, "baseline")
     path = typed(first.path) if first.path.name else ""
     runs = []
-    for name, result in zip(shown, given, strict=True):
+    for name, result in given:
         if result is first and baseline is None:
             runs.append(ComparedRun(name, result))
             continue
@@ -296,15 +287,9 @@ def compare(
             raise WrongUsage(f"base parameters differ: {both}", fix=fix)
         comparison = compared(first, result) if same else None
         runs.append(ComparedRun(name, result, reference, comparison, share, path))
-    return RunComparison(tuple(runs), reference if baseline else None, share)
+    return RunComparison(tuple(runs), None if baseline is None else reference, share)
 
 
-def short_names(paths: Sequence[Path], given: Sequence[Path] = ()) -> list[str]:
-    """Return names for results: those of their folders, or what was given for them where two would be the same."""
-    names = [
-        path.parent.name if path.name == "parameters.npz" and path.parent.name else str(path)
-        for path in paths
-    ]
-    if len(set(names)) < len(names):
-        names = [str(path) for path in given or paths]
-    return [f"run {k}" if name == "." else name for k, name in enumerate(names, start=1)]
+def _name(given: object, number: object) -> str:
+    """Return what a result is called: as it was given, or its number."""
+    return str(given) if isinstance(given, (str, Path)) else f"run {number}"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +12,15 @@ from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.files import packaged
 from dynid.files.robotfile import load_robot
-from dynid.model.parameters import prior_bodies
 from dynid.progress import stage
-from dynid.robot import LINK_PARAMETERS, Body, Prior, Robot
 from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import read_plant
-from dynid.sim.sines import SineSpec, sines
 from dynid.text import closest
-from dynid.workflows.simulate import PHYSICS, simulate
 
 #: The arm that something is hidden in, and its true parameters.
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
 #: Length of each motion [s]; three are driven, each twice, and the last is only for the proof.
 SECONDS = 20.0
-#: Motions of somebody's own arm [s]: one to identify from, one for the proof.
-OWN_SECONDS, OWN_STEP = (40.0, 20.0), 0.005
-#: The bodies of somebody's own arm differ from those of its file by this share: a demo has to find something out.
-UNKNOWN = 0.2
 #: Half width of a 95 % interval in standard errors.
 TWO_SIDED_95 = 1.96
 
@@ -89,59 +79,11 @@ def is_right_answer(hidden: Hidden, answer: dict[str, Any]) -> bool:
     return len(joints) == len(names) or joints[:1] == [names[hidden.joint]]
 
 
-@dataclass(frozen=True)
-class KnownArm:
-    """Logs of a simulated arm, and what is true of it.
-
-    Attributes:
-        logs: to identify from, and for the proof.
-        truth: parameters by name.
-        physics: what computed the rigid bodies, in words.
-    """
-
-    logs: tuple[Path, ...]
-    truth: dict[str, float]
-    physics: str
-
-
-def shipped(stem: str) -> KnownArm:
-    """Return the logs that come with dynid."""
+def shipped(stem: str) -> tuple[tuple[Path, Path], dict[str, float]]:
+    """Return the two logs of an arm that come with dynid, and its true parameters by name."""
     start = packaged("trajectories") / stem
-    logs = tuple(Path(f"{start}_{which}.bag") for which in ("identify", "validate"))
-    return KnownArm(logs, read_plant(Path(f"{start}_truth.yaml")).parameters(), "PyBullet")
-
-
-def simulate_own(robot: Robot, folder: Path, seed: int) -> KnownArm:
-    """Write two logs of a simulated arm whose bodies differ from what its file says of them.
-
-    Args:
-        robot: the arm; without a prior its links are cylinders.
-        folder: where to.
-        seed: of bodies, motions and noise.
-    """
-    rng = np.random.default_rng([seed, 2])
-    bodies = tuple(_other(body, rng) for body in prior_bodies(robot))
-    arm, paths = replace(robot, prior=Prior(links=bodies), tool=None), []
-    for k, seconds in enumerate(OWN_SECONDS):
-        spec = SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf)
-        motion = sines(arm, spec, OWN_STEP, np.random.default_rng([seed, k]))
-        simulation = simulate(arm, motion, seed=seed + k)
-        paths.append(simulation.log.save(folder / f"motion{k + 1}.npz"))
-    truth: dict[str, float] = {}
-    frictions = zip(bodies, simulation.viscous, simulation.coulomb, strict=True)
-    for i, (body, viscous, coulomb) in enumerate(frictions, start=1):
-        names = [f"{name}{i}" for name in (*LINK_PARAMETERS, "fv", "fc", "fo")]
-        values = (*body.parameters().tolist(), 0.0, float(viscous), float(coulomb), 0.0)
-        truth |= zip(names, values, strict=True)
-    return KnownArm(tuple(paths), truth, PHYSICS)
-
-
-def _other(body: Body, rng: np.random.Generator) -> Body:
-    """Return a body with another mass and centre: as if stretched along its axes, so that it can exist."""
-    mass, stretch = 1.0 + UNKNOWN * rng.uniform(-1.0, 1.0, 2)
-    inertia = tuple(mass * stretch**2 * value for value in body.inertia_com)
-    x, y, z = (stretch * value for value in body.com)
-    return replace(body, mass=mass * body.mass, com=(x, y, z), inertia_com=inertia)
+    logs = Path(f"{start}_identify.bag"), Path(f"{start}_validate.bag")
+    return logs, read_plant(Path(f"{start}_truth.yaml")).parameters()
 
 
 def against_truth(result: Identification, truth: dict[str, float]) -> dict[str, Any]:

@@ -122,13 +122,7 @@ def _ros() -> Iterator[Check]:
     value = f"{uri} {'answers' if answers else 'does not answer'}"
     lost = "record: start rosmaster --core, or set ROS_MASTER_URI"
     yield Check("ROS master", answers, value, lost)
-    program, value = shutil.which("ros2"), "absent"
-    setups = sorted(path.parents[1] for path in Path("/opt/ros").glob("*/bin/ros2"))
-    if program is not None:
-        value = f"{os.environ.get('ROS_DISTRO', '')} ({program})".strip()
-    elif setups:
-        names = ", ".join(path.name for path in setups)
-        value = f"{names} is installed, not sourced: source {setups[-1]}/setup.bash"
+    value = shutil.which("ros2") or "absent"
     without = "its recordings are read without it (dynid explain record-ros2)"
     yield Check("ROS 2", None, f"{value}; {without}")
 

@@ -8,13 +8,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from dynid import arguments
 from dynid.answer import Answer, Answered, picked
 from dynid.arguments import public
 from dynid.disk import write_text
-from dynid.errors import Finding, NotAnArtifact, NotPhysical, WrongUsage
+from dynid.errors import Finding, NotPhysical, WrongUsage
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import Identification
 from dynid.exporters import FORMATS
@@ -32,9 +29,9 @@ from dynid.exporters.interface import (
 from dynid.exporters.simulated import simulated
 from dynid.loading import ResultLike, as_result
 from dynid.model.base_model import BaseModel
-from dynid.model.regressor import indefinite_share, random_poses
 from dynid.progress import Progress, notice, stage
 from dynid.table import Table
+from dynid.text import closest
 from dynid.version import __version__
 from dynid.workflows.model import base_model_of
 from dynid.workflows.options import ExportOptions
@@ -220,9 +217,11 @@ def export(
         dynid.export("out/kuka_lwr4plus", "arm.xml")
     """
     result, path = as_result(result), Path(path)
-    chosen = arguments.words(formats, "formats", FORMATS)
-    if write is not None and not callable(write):
-        raise arguments.refused("write", "None or a function of path and text", write)
+    chosen = (formats,) if isinstance(formats, str) else tuple(formats)
+    for name in chosen:
+        if name not in FORMATS:
+            what = f"formats: no format '{name}'{closest(name, FORMATS)}"
+            raise WrongUsage(what, fix=f"some of {', '.join(FORMATS)}")
     names = chosen or (format_of(path),)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
@@ -299,18 +298,11 @@ def identified_arm(
     options: ExportOptions = ExportOptions(),
     base: BaseModel | None = None,
 ) -> IdentifiedArm:
-    """Return what is exported from a result.
-
-    Raises:
-        NotAnArtifact: a parameter of the result is not a finite number.
-    """
+    """Return what is exported from a result."""
     which, full = options.parameters, result.physical
     if which == "auto":
         bodies = any(FORMATS[name].needs_bodies for name in formats)
         which = "physical" if bodies else result.in_force
-    if not (np.isfinite(result.plain).all() and np.isfinite(full.x).all()):
-        what = f"{result.path} is damaged: a parameter is not a finite number"
-        raise NotAnArtifact(what, where=str(result.path))
     theta = result.reduction.K @ full.x if which == "physical" else result.plain
     base = base or base_model_of(result, result.path.parent if result.path.name else None)
     return IdentifiedArm(
@@ -332,50 +324,32 @@ def identified_arm(
     )
 
 
-#: Formats that are programs with a mass matrix, and poses in which that is looked at.
-LANGUAGES, POSES = ("c", "python", "matlab"), 200
-
-
 def _possible(
     arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions
 ) -> tuple[Finding, ...]:
-    """Return the warning W409 for what cannot exist, bodies or the mass matrix, where it is wanted all the same.
+    """Return the warning W409 for bodies that cannot exist, where they are wanted all the same.
 
     Raises:
-        NotPhysical: it is not, or the sizes of masses are unknown.
+        NotPhysical: they are not, or the sizes of masses are unknown.
     """
     holding = [name for name in formats if FORMATS[name].needs_bodies]
     bodies, impossible = "/".join(holding), arm.full.impossible_links()
-    programs = [name for name in formats if name in LANGUAGES]
     if arm.base.robot.torque.relative and holding:
         raise NotPhysical(
             "no gain of a drive is known, so the sizes of masses and inertias are unknown",
             why=f"a {bodies} file holds kilograms",
             fix="identify with --loaded LOG --load-mass KG, or export c, python, matlab or yaml, in amperes",
         )
-    if impossible and holding:
-        links = ", ".join(str(link) for link in impossible)
-        broken = "mass or inertia not positive, or triangle inequality broken"
-        what = f"no body has the parameters of link {links}: {broken}"
-        why = f"simulators refuse such a {bodies} file or replace its inertias silently"
-        others = "c, python, matlab or yaml, or "
-        evidence: dict[str, Any] = {"links": list(impossible)}
-    elif programs:
-        observer = arm.base.observer
-        share = indefinite_share(
-            lambda q, qd, qdd: observer.torque(arm.theta, q, qd, qdd),
-            random_poses(arm.base.robot, POSES),
-        )
-        count = f"{round(POSES * share)} of {POSES}"
-        what = f"the mass matrix is not positive definite in {count} random poses" if share else ""
-        why = f"{'/'.join(programs)} would compute accelerations of the wrong sign"
-        others, evidence = "", {"share": share}
-    else:
+    if not impossible or not holding:
         return ()
-    if what and not options.allow_infeasible:
-        fix = f"export --set physical, or {others}add --allow-infeasible"
+    links = ", ".join(str(link) for link in impossible)
+    broken = "mass or inertia not positive, or triangle inequality broken"
+    what = f"no body has the parameters of link {links}: {broken}"
+    if not options.allow_infeasible:
+        why = f"simulators refuse such a {bodies} file or replace its inertias silently"
+        fix = "export --set physical, or c, python, matlab or yaml, or add --allow-infeasible"
         raise NotPhysical(what, why=why, fix=fix)
-    return (Finding("W409", "warning", what, evidence),) if what else ()
+    return (Finding("W409", "warning", what, {"links": list(impossible)}),)
 
 
 def _proved(form: Format, path: Path, text: str, arm: IdentifiedArm, seed: int) -> ExportedFile:

@@ -188,15 +188,12 @@ def _check_robot(robot: Robot) -> Checked:
     place = "  ".join(f"{axis} {value:.3f}" for axis, value in zip("xyz", tool, strict=True))
     gravity = ", ".join(f"{value:g}" for value in robot.gravity)
     effects = ", ".join(f"{e.effect} on {', '.join(e.joints)}" for e in robot.effects)
-    limits = []
-    for name in ("position", "velocity", "acceleration", "torque"):
-        without = [joint.name for joint in robot.joints if getattr(joint.limits, name) is None]
-        none = len(without) == robot.n
-        missing = f" (not for {', '.join(without)})" if without and not none else ""
-        limits.append(f"{name} {'none' if none else 'given'}{missing}")
-    driver = (
-        "none: logs must have the robot file's joint names, rad and Nm (m and N at sliding joints)"
-    )
+    given = ("position", "velocity", "acceleration", "torque")
+    shares = {
+        name: sum(getattr(joint.limits, name) is not None for joint in robot.joints)
+        for name in given
+    }
+    driver = "none: logs must have the robot file's joint names, rad and Nm, m and N"
     if robot.driver is not None:
         topic = robot.driver.topic or "the driver's usual topic"
         driver = f"{robot.driver.kind}, {topic}, torque from {robot.torque.source}"
@@ -209,7 +206,7 @@ def _check_robot(robot: Robot) -> Checked:
         ("tool", f"at q = 0: {place} m   (compare with a ruler)"),
         ("gravity", f"{gravity} m/s^2 in frame 0"),
         ("links", f"identified: {', '.join(map(str, robot.identified_links))}"),
-        ("limits", "   ".join(limits)),
+        ("limits", ", ".join(f"{name} of {count} joints" for name, count in shares.items())),
         ("driver", driver),
         ("prior", prior),
         *([("effects", effects)] if effects else []),
@@ -289,25 +286,21 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
 
 
 def _units(summary: LogSummary, robot: Robot) -> str:
-    """Say the units of a log, apart for turning and for sliding joints."""
-    turning, words = [joint.revolute for joint in robot.joints], []
-    for revolute in sorted(set(turning), reverse=True):
-        kind, length, unit = ("turning", "rad", "Nm") if revolute else ("sliding", "m", "N")
-        some = [j for j, each in enumerate(turning) if each is revolute]
-        slopes = [slope for j in some if (slope := summary.velocity_slope[j]) is not None]
-        shares = [share for j in some if (share := summary.torque_share[j]) is not None]
-        span, top = (max(x[j] for j in some) for x in (summary.span, summary.torque_max))
-        velocity = "not measured or not used"
-        if slopes:
-            velocity = f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}"
-        rated = f", {100 * max(shares):.0f} % of the rating" if shares else ""
-        unit = "A" if summary.torque_unit == "A" else unit
-        torque = f"{unit} (max {top:.1f}{rated})"
-        which = f"{kind} joints: " * (len(set(turning)) > 1)
-        words.append(
-            f"{which}position {length} (span {span:.1f})   velocity {length}/s ({velocity})   torque {torque}"
-        )
-    return "   ".join(words)
+    """Say the units of a log."""
+    kinds = sorted({joint.revolute for joint in robot.joints}, reverse=True)
+    units = [("rad", "rad/s", "Nm") if kind else ("m", "m/s", "N") for kind in kinds]
+    length, speed, effort = (" or ".join(names) for names in zip(*units, strict=True))
+    effort = "A" if summary.torque_unit == "A" else effort
+    slopes = [slope for slope in summary.velocity_slope if slope is not None]
+    shares = [share for share in summary.torque_share if share is not None]
+    velocity = "not measured or not used"
+    if slopes:
+        velocity = f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}"
+    rated = f", {100 * max(shares):.0f} % of the rating" if shares else ""
+    return (
+        f"position {length} (span {max(summary.span):.1f})   velocity {speed} ({velocity})   "
+        f"torque {effort} (max {max(summary.torque_max):.1f}{rated})"
+    )
 
 
 def inspected(path: Path, options: LogOptions) -> Checked:

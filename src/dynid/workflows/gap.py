@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
-from dynid import arguments
 from dynid.answer import Answer, Judged, picked
-from dynid.arguments import public
+from dynid.arguments import instance, public
 from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
@@ -29,7 +28,6 @@ from dynid.gap.analysis import (
     analyse_gap,
     named_load,
     on_one_clock,
-    relative_error,
     with_counterbalances,
     with_reestimated_payload,
 )
@@ -60,7 +58,7 @@ from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioned_log import ConditionedLog, stretches
-from dynid.table import Table, cell_text
+from dynid.table import Table
 from dynid.text import closest
 from dynid.workflows.identify import identify
 from dynid.workflows.model import base_model_of
@@ -81,8 +79,6 @@ ASKED = {
     "arm": "which effects remain when the links have to be plausible?",
     "changed": "what has changed since the model was identified?",
 }
-#: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
-EXTRAPOLATES = 1.5
 #: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
 #: of eight minutes take half a gigabyte.
 LONGEST = 480.0
@@ -170,22 +166,12 @@ class Gap(Judged, GapRecord):
         )
 
     def joint_table(self) -> Table:
-        """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
-        held_out, rows = self.improvement, []
-        for j, name in enumerate(self.joint_names):
-            row = {
-                "joint": name,
-                "rms before": float(held_out.before[j]),
-                "rms after": float(held_out.after[j]),
-                "noise": float(held_out.floor[j]),
-                "unit": self.torque_units[j],
-            }
-            if len(self.simulation):
-                before, after = self.simulation[:, j].tolist()
-                unit = "m" if row["unit"] == "N" else "rad"
-                row |= {"simulated before": before, "simulated after": after, "in": unit}
-            rows.append(row)
-        return Table(rows)
+        """Return one row per joint: held-out rms before and after, noise [N m or N]."""
+        errors = self.improvement
+        columns = errors.before.tolist(), errors.after.tolist(), errors.floor.tolist()
+        heads = ("joint", "rms before", "rms after", "noise", "unit")
+        rows = zip(self.joint_names, *columns, self.torque_units, strict=True)
+        return Table([dict(zip(heads, row, strict=True)) for row in rows])
 
     def answer(self) -> Answer:
         """Return what ``dynid gap`` answers."""
@@ -198,17 +184,15 @@ class Gap(Judged, GapRecord):
             f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})"
             for name, joints in self.cannot_judge.items()
         )
-        simulated = "no: too little motion is held out, or a link is too light to be simulated from its torques"
         lines = {
             "where": where or "no joint is above its noise level",
             "asked": self.asked,
-            "simulated": "" if len(self.simulation) else simulated,
             "not shown": f"these logs cannot show: {hidden}" if hidden else "",
         }
         noise = "; ".join(filter(None, [f"from {self.noise_from}", self.noise_note]))
         return Answer(
             self.facts(),
-            parts=(self.judgement, in_one_cell(self.joint_table())),
+            parts=(self.judgement, self.joint_table()),
             details=(
                 "",
                 *((label, text) for label, text in lines.items() if text),
@@ -277,15 +261,11 @@ class Gap(Judged, GapRecord):
         title = f"{self.robot}: the gap on held-out data ({self.heldout})"
         return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
 
-    def plot_effects(self) -> list[Figure]:
-        """Return a figure of each named effect: unseen data without and with it, its curve in the data."""
-        return [effect_figure(one, curve, self.robot) for one, curve in self.drawn()]
-
     def write_figures(self, folder: Path) -> list[Path]:
         """Write the figures as PNG: where.png, shrink.png, and one of each named effect."""
         figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
-        named = [f"effect_{k}_{one.effect}" for k, (one, _) in enumerate(self.drawn(), start=1)]
-        figures |= zip(named, self.plot_effects(), strict=True)
+        for k, (one, curve) in enumerate(self.drawn(), start=1):
+            figures[f"effect_{k}_{one.effect}"] = effect_figure(one, curve, self.robot)
         return [write_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
     def chosen(self, text: str = "best") -> tuple[GapEffect, ...]:
@@ -391,30 +371,6 @@ class Gap(Judged, GapRecord):
         return identify(base.robot, seen, options, like=before)
 
 
-#: What changes in tables of joints: its heading, and the column of its unit.
-CHANGES = {
-    "rms": ("held-out error", "unit"),
-    "simulated": ("error of simulated motion", "in"),
-    "position": ("position error", "in"),
-    "torque": ("torque error", "unit"),
-}
-
-
-def in_one_cell(table: Table) -> Table:
-    """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
-    rows = []
-    for row in table:
-        cells = {"joint": row["joint"]}
-        for what, (head, unit) in CHANGES.items():
-            if f"{what} before" in row:
-                both = dict.fromkeys(
-                    cell_text(row[f"{what} {when}"]) for when in ("before", "after")
-                )
-                cells[head] = f"{' -> '.join(both)} {row[unit]}"
-        rows.append(cells | ({"noise": row["noise"]} if "noise" in row else {}))
-    return Table(rows)
-
-
 def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
     """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
     folder, own = Path("robots") if Path("robots").is_dir() else Path(), robot.path
@@ -447,7 +403,6 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
     Example:
         dynid.load("out/kuka_lwr4plus", dynid.Identification)
     """
-    arguments.instance(kind, type, "kind", "a type such as dynid.Identification")
     file = parameters_of(Path(path))
     readers: dict[str, Callable[[Path], object]] = {
         "dynid/identification": load_run,
@@ -458,9 +413,7 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
     if schema not in readers:
         raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=str(file))
     loaded = readers[schema](file)
-    if not isinstance(loaded, kind):
-        raise arguments.refused("path", f"a file with an object of type {kind.__name__}", loaded)
-    return loaded
+    return instance(loaded, kind, "path", f"a file with an object of type {kind.__name__}")
 
 
 # ---------------------------------------------------------------- the search
@@ -498,13 +451,11 @@ def find_gap(
     result = as_result(result)
     wanted = selection_options(result.robot, options)
     given = as_logs(logs, result.robot, options)
-    before: Sequence[Log] = ()
-    if earlier is not None:
-        before = as_logs(earlier, result.robot, options, "earlier", empty=True)
+    before = as_logs(earlier, result.robot, options, "earlier") if earlier else []
     search = _Search(result, base or base_model_of(result), wanted, options)
     new = search.checked(given)
     if options.question not in ("auto", "changed"):
-        before = ()
+        before = []
     elif earlier is None:
         before = earlier_logs(result, new, options)
     return search.judged(search.answered(new, search.checked(before)), new)
@@ -606,9 +557,6 @@ class _Search:
         if question == "arm":
             analysis = with_counterbalances(analysis, wanted, wanted.joints or range(base.robot.n))
         if kept:
-            now = relative_error(conditioned, base, result.theta)
-            then = relative_error(before, base, result.theta) if before else 0.0
-            why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         gap = self._recorded(analysis, question, why)
         flags = self.options.flags("ask", "mode", "effects", "joints", "false_alarm", "max_effects")
@@ -694,16 +642,17 @@ class _Search:
             rms = tuple(joint.rms for joint in worst.joints)
             kept = picked(worst, kept="relative_error_percent", expected="expected_percent")
             gap = replace(gap, kept_rms=rms, **kept)
-        other_arm = evidence_of(self.result).of_another_arm
-        if other_arm or (gap.named and gap.unseen_logs):
-            gap = self._unproved(gap) if other_arm else self._proved(gap)
+        if gap.named and gap.unseen_logs:
+            gap = self._proved(gap)
         if gap.verdict.startswith("nothing") and gap.judgement.light("complete").state != "good":
             gap = replace(gap, verdict="unexplained", advice="")
         return gap
 
     def _proved(self, gap: Gap) -> Gap:
         """Return an answer with the errors that ``apply`` and then ``validate`` reach on the recordings held out."""
-        before, after = self._before(gap), self._errors(gap.apply(), gap)
+        before, after = gap.improvement.before, self._errors(gap.apply(), gap)
+        if not any(log.sha256 in self.result.log_sha256 for log in gap.unseen_logs):
+            before = self._errors(self.result, gap)
         at = gap.joint_names.index
         named = tuple(
             replace(
@@ -716,31 +665,6 @@ class _Search:
         return replace(
             gap, named=named, improvement=replace(gap.improvement, before=before, after=after)
         )
-
-    def _unproved(self, gap: Gap) -> Gap:
-        """Return an answer that names nothing: what links of another arm leave over is no effect of this one."""
-        why, before = "the robot file does not describe the arm of these logs", self._before(gap)
-        given_up = (
-            replace(one, why_not=why, rms_after=None, share=None, probability=None)
-            for one in gap.named
-        )
-        return replace(
-            gap,
-            verdict="unexplained" if gap.named else gap.verdict,
-            named=(),
-            closest=(*given_up, *gap.closest),
-            alternatives=(),
-            advice="",
-            curves=(),
-            improvement=replace(gap.improvement, before=before, after=before),
-            simulation=gap.simulation[:0],
-        )
-
-    def _before(self, gap: Gap) -> Floats:
-        """Return the error of each joint without what is named, of the model as it is where it is tried, (n,)."""
-        fitted = any(log.sha256 in self.result.log_sha256 for log in gap.unseen_logs)
-        tried = gap.unseen_logs and not fitted
-        return self._errors(self.result, gap) if tried else gap.improvement.before
 
     def _errors(self, result: Identification, gap: Gap) -> Floats:
         """Return the error of each joint on what was held out, with the filter of the search, (n,) [N m or N]."""
@@ -811,14 +735,3 @@ def _not_told(suspected: Sequence[Suspicion], analysis: GapAnalysis) -> str:
 
 def _links(suspected: Sequence[Suspicion]) -> str:
     return " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
-
-
-def _kept_error(now: float, then: float, unchanged: bool) -> str:
-    """Return how well the kept model does on new and on its own logs [%], in words."""
-    if not then:
-        return f" (error of the model on these logs {now:.3g} %)"
-    other = "; this motion differs from the one used to identify"
-    return (
-        f" (error of the model {now:.3g} % on these logs, {then:.3g} % on the logs it was identified from"
-        f"{other * (unchanged and now > EXTRAPOLATES * then)})"
-    )

@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.answer import Answer, Part, picked
+from dynid.answer import Answer, Part
 from dynid.arguments import public
 from dynid.diagnose import tuning as mapping
 from dynid.disk import sha256, write_text
@@ -27,15 +26,11 @@ from dynid.estimation.estimate import (
     last_share,
     stack_of_result,
 )
-from dynid.estimation.estimators import fitted
-from dynid.estimation.friction_step import LOOKED_AT_S
-from dynid.estimation.least_squares import relative_error
 from dynid.estimation.noise_floor import noise_floor
 from dynid.estimation.payload import IdentifiedPayload
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Stack, scaled, stack_logs
-from dynid.files import packaged, robotfile
-from dynid.judgement import tuning
+from dynid.files import robotfile
 from dynid.loading import (
     LogsLike,
     ResultLike,
@@ -48,20 +43,18 @@ from dynid.loading import (
     condition_logs,
     diagnose_logs,
     load_log,
-    load_robot,
     load_run,
     read_log,
 )
 from dynid.log import Log
 from dynid.model.attached import attached
-from dynid.model.base_model import BaseModel, in_memory
+from dynid.model.base_model import BaseModel
 from dynid.model.regressor import expected_torque
 from dynid.options import LogOptions
-from dynid.progress import Progress, heard_by, notice, stage
+from dynid.progress import Progress, notice, stage
 from dynid.reports.figures import motion_figure
 from dynid.robot import Known, Prior, Robot
 from dynid.runs import RunFolder
-from dynid.signals.columns import take_samples
 from dynid.table import Table
 from dynid.text import yaml_text
 from dynid.workflows.model import base_model
@@ -91,8 +84,6 @@ METHOD_TEXT = {
 }
 #: Share of each log that is held out where all logs are of one motion.
 AUTO_SHARE = 0.2
-#: Relative standard error of a gain from which on it is called uncertain.
-UNCERTAIN = 0.1
 
 
 # ---------------------------------------------------------------- what is known besides the logs
@@ -207,65 +198,22 @@ def identify(
         raise
     if _poor(result, base):
         result = replace(result, findings=(*_diagnosed(seen, robot, options), *result.findings))
-    return _reported(replace(result, header=header, draw=torque_figure), seen.checked)
+    return _reported(replace(result, header=header, draw=torque_figure))
 
 
-def _reported(result: Identification, logs: Sequence[Log]) -> Identification:
-    """Return a result whose header tells noise and arm, after its fit was reported."""
+def _reported(result: Identification) -> Identification:
+    """Return a result whose header tells its noise, after its fit was reported."""
     assert result.stack is not None
     noise = noise_floor(result.stack, result.theta, result.model_error)
     if noise is not None:
         facts = {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
         result = replace(result, header=result.header | facts)
-    if other := _other_arm(result, logs):
-        result = replace(result, header=result.header | {"other_arm": other})
     stage("estimate", f"{METHOD_TEXT[result.method]}; {result.why}")
     stage("", f"{len(result.names)} base parameters; held out: {result.heldout}")
     conditions = f"{result.condition_number_scaled:.3g} with normalised columns ({result.condition_number:.3g} without)"
     stage("excited", f"condition number {conditions}")
     notice(result.findings)
     return result
-
-
-# ---------------------------------------------------------------- is it another arm?
-def _other_arm(result: Identification, logs: Sequence[Log]) -> dict[str, Any] | None:
-    """Return the shipped arm whose link lengths explain logs far better: name, and both errors [%]; None for none."""
-    noise = result.header.get("noise_floor_nm")
-    if not logs or not noise or not all(noise):
-        return None
-    # Why not by the light, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
-    ratios = (joint.rms / floor for joint, floor in zip(result.joints, noise, strict=True))
-    if median(ratios) <= tuning.OTHER_ARM:
-        return None
-    stage("arm", "most joints are far above their noise: the link lengths of other arms are tried")
-    arm, cutoff = result.robot, LogOptions(cutoff=result.cutoff or None)
-    logs = [take_samples(log, np.flatnonzero(log.t < log.t[0] + LOOKED_AT_S)) for log in logs]
-    own, tried = _unexplained(arm, logs, cutoff), []
-    for path in sorted(Path(packaged("robots")).glob("*.yaml")):
-        other = load_robot(path)
-        if (other.n, other.convention) != (arm.n, arm.convention):
-            continue
-        lengths = ("a", "d", "twist", "theta_offset", "type")
-        joints = tuple(
-            replace(mine, **picked(its, *lengths))
-            for mine, its in zip(arm.joints, other.joints, strict=True)
-        )
-        if joints != arm.joints:
-            changed = replace(arm, joints=joints, effects=())
-            tried.append((_unexplained(changed, logs, cutoff), path.stem))
-    percent, name = min(tried, default=(own, ""))
-    if percent >= tuning.OTHER_ARM_GAIN * own:
-        return None
-    return {"name": name, "percent": percent, "own": own}
-
-
-@heard_by()
-def _unexplained(robot: Robot, logs: Sequence[Log], options: LogOptions) -> float:
-    """Return the relative torque error on logs with the links of an arm [%]."""
-    base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
-    stack = stack_logs(condition_logs(logs, base.model, options), base)
-    fit = fitted(stack, "wls")
-    return relative_error(stack.factors, fit.theta)
 
 
 # ---------------------------------------------------------------- what is fitted, and what is held out
@@ -484,11 +432,6 @@ def _answer(
         if gains.relative:
             text = "the size of the gains is unknown, so results are in A; see --loaded"
             notes.append(("amperes", text))
-        shares = gains.std_error / gains.gain
-        worst = int(shares.argmax())
-        if shares[worst] > UNCERTAIN:
-            known = f"known to {100 * shares[worst]:.0f} % only"
-            notes.append(("uncertain", f"the gain of {robot.joint_names[worst]} is {known}"))
     load = list[Part]()
     if payload is not None:
         facts["payload"] = payload.facts()

@@ -10,7 +10,7 @@ from typing import Any
 
 from dynid.answer import Answer, picked
 from dynid.arguments import public
-from dynid.errors import NotAnArtifact, WrongUsage
+from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.files.artifact import read_header, reading
 from dynid.loading import RobotLike, as_robot
@@ -175,9 +175,6 @@ def reduce_model(
     stored = not derived.wrote and usual and stored_key(path) == key_of(model.robot)
     if stored:
         reduction = load_reduction(path)
-        if reduction.names != model.parameter_names:
-            what = f"{path} is damaged: its parameters do not match its robot"
-            raise NotAnArtifact(what, where=str(path))
     else:
         from dynid.model.relations import base_parameters  # SymPy
 

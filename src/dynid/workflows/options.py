@@ -9,9 +9,18 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
 
-from dynid.errors import WrongUsage
 from dynid.log import Log
-from dynid.options import MOST, LogOptions, Options, number_or_nan, numbers, option, share, unless
+from dynid.options import (
+    LEAST,
+    MOST,
+    LogOptions,
+    Options,
+    number_or_nan,
+    numbers,
+    option,
+    share,
+    unless,
+)
 from dynid.robot import EffectSpec, Prior
 from dynid.text import whole_number
 
@@ -242,7 +251,7 @@ class ValidateOptions(LogOptions):
         None,
         "Exit 1 if the rms torque error of any joint is larger [N m or N].",
         metavar="NM",
-        kind="float",
+        bounds=(0, None),
     )
     max_unexplained: float | None = option(
         None,
@@ -291,19 +300,12 @@ class GapOptions(LogOptions):
         metavar="SHARE",
         read=share,
     )
-    max_effects: int = option(3, "Largest number of effects that are selected.", kind="count")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.ask not in ("auto", self.question):
-            raise WrongUsage(
-                f"--mode {self.mode} is --ask {self.question}, but --ask {self.ask} was given too"
-            )
+    max_effects: int = option(3, "Largest number of effects that are selected.", bounds=(1, None))
 
     @property
     def question(self) -> str:
         """What is asked."""
-        return MODES[self.mode] if self.mode else self.ask
+        return MODES.get(self.mode or "", self.ask)
 
 
 @dataclass(frozen=True)
@@ -341,14 +343,14 @@ class SimulateOptions(Options):
     )
     coulomb: float = option(0.03, "Coulomb friction of each joint as a share of its rated torque.")
     noise: float = option(
-        0.003, "Standard deviation of the torques as a share of the rated torque.", kind="float"
+        0.003, "Standard deviation of the torques as a share of the rated torque.", bounds=(0, None)
     )
     resolution: float = option(
-        1e-5, "Resolution of the position sensors [rad or m]; 0 for none.", kind="float"
+        1e-5, "Resolution of the position sensors [rad or m]; 0 for none.", bounds=(0, None)
     )
     delay: float = option(0.0, "How late the torques are in the log [s].")
     payload: float = option(
-        0.0, "Mass of a point load at the origin of the last frame [kg].", kind="float"
+        0.0, "Mass of a point load at the origin of the last frame [kg].", bounds=(0, None)
     )
     effects: tuple[EffectSpec, ...] = option(
         (),
@@ -396,7 +398,7 @@ class SimDriverOptions(Options):
     master: str | None = option(
         None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
     )
-    pose: str | Sequence[float] | None = option(
+    pose: str | None = option(
         None,
         "Where the arm stands: at the start of a trajectory, or at DH positions [rad or m].",
         metavar="TRAJECTORY|Q1,Q2,...",
@@ -410,9 +412,11 @@ class SimDriverOptions(Options):
         None,
         "Standard deviation of all torques [N m] (default: the truth file's).",
         metavar="NM",
-        kind="float",
+        bounds=(0, None),
     )
-    torque_step: float = option(0.0, "Resolution of the torques [N m].", metavar="NM", kind="float")
+    torque_step: float = option(
+        0.0, "Resolution of the torques [N m].", metavar="NM", bounds=(0, None)
+    )
     torque_offset: float = option(
         0.0, "Offset of all torque sensors until they are zeroed [N m].", metavar="NM"
     )
@@ -420,7 +424,7 @@ class SimDriverOptions(Options):
         None,
         "Resolution of the encoders [rad] (default: the truth file's).",
         metavar="RAD",
-        kind="float",
+        bounds=(0, None),
     )
     latency: float = option(
         0.0, "Time from sampling to publishing [s].", metavar="S", bounds=(0, 1)
@@ -438,7 +442,10 @@ class SimDriverOptions(Options):
         bounds=(0, 1),
     )
     duration: float | None = option(
-        None, "Length of the simulation [s] (default: until Ctrl-C).", metavar="S", kind="positive"
+        None,
+        "Length of the simulation [s] (default: until Ctrl-C).",
+        metavar="S",
+        bounds=(LEAST, None),
     )
     seed: int = option(0, "Seed of all noise.")
 
@@ -499,7 +506,7 @@ class RecordOptions(Options):
         None,
         "Length of a recording with --listen-only [s] (default: until the messages stop).",
         metavar="S",
-        kind="positive",
+        bounds=(LEAST, None),
     )
 
 
@@ -521,7 +528,7 @@ class Extras(Options):
         None,
         "Mass of the load in the log given with --loaded [kg].",
         metavar="KG",
-        kind="positive",
+        bounds=(LEAST, None),
     )
     update: Path | None = option(
         None,

@@ -13,7 +13,7 @@ import yaml
 from dynid.answer import Answer, Answered, picked
 from dynid.arguments import one_thread, public
 from dynid.disk import sha256, write_text
-from dynid.errors import Finding, LogNotFound, NotAnArtifact, WrongUsage
+from dynid.errors import Finding, LogNotFound, WrongUsage
 from dynid.estimation import observation_files, prediction
 from dynid.estimation.drive_gains import Gains, find_gains, known_load
 from dynid.estimation.findings import weakly_excited
@@ -236,19 +236,14 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
     stored_key(path, base.robot)
     conditioned, header = observation_files.load(path)
     base.robot.require_joints(header["joints"], path)
-    entries = sum(len(column.rows) for effect in base.model.added for column in effect.columns)
-    if any(segment.effects.shape[1] != entries for log in conditioned for segment in log.segments):
-        raise NotAnArtifact(
-            f"{path} is damaged: its effects do not match its robot", where=str(path)
-        )
     with reading(path):
         base = with_coulomb(base, coulomb_of(header))
         logs, hashes = tuple(header["logs"]), tuple(header["log_sha256"])
         error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])
         delay = None if error is None else (float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
+        stack = stack_logs(with_settled_effects(conditioned, base), base)
     stage("log", f"from {path}: {', '.join(logs)}")
-    stack = stack_logs(with_settled_effects(conditioned, base), base)
     return Observations(base, stack, logs, hashes, delay, applied, findings)
 
 

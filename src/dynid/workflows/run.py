@@ -30,7 +30,7 @@ class RunOptions(Options):
     """Which jobs of a batch file run, and where."""
 
     jobs: int | None = option(
-        None, "How many jobs run at a time (default: one per core).", metavar="N", kind="count"
+        None, "How many jobs run at a time (default: one per core).", metavar="N", bounds=(1, None)
     )
     scheduler: str | None = option(
         None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from dynid.arrays import Floats
 from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
 from dynid.files.trajectoryfile import read_trajectory
-from dynid.options import MOST
+from dynid.options import numbers
 from dynid.robot import Robot
 from dynid.sim.driver_loop import DriverLoop, Imperfections, step_of
 from dynid.sim.follow import PointFollower, VelocityFollower
@@ -85,37 +85,24 @@ def _imperfections(plant: Plant, options: SimDriverOptions) -> Imperfections:
     )
 
 
-def start_pose(robot: Robot, given: str | Sequence[float] | None) -> Floats:
+def start_pose(robot: Robot, given: str | None) -> Floats:
     """Return where the arm stands at the beginning, (n,) [rad or m].
 
     Args:
         robot: the arm.
-        given: a file of a trajectory, positions, or both as text; the middle of all ranges when None.
+        given: a file of a trajectory, or positions as text; the middle of all ranges when None.
     """
     if given is None:
         # Why: a Kinova Gen2 points up with all joints at 180 deg, which is also the middle of its ranges.
         endless = np.pi if is_kinova(robot) else 0.0
         ranges = [joint.limits.position or (endless, endless) for joint in robot.joints]
         return np.array([(lower + upper) / 2 for lower, upper in ranges])
-    if isinstance(given, str) and Path(given).exists():
+    if Path(given).exists():
         return np.array(read_trajectory(Path(given), robot).motion.q[0])
     try:
-        pose = np.array(
-            [float(word) for word in (given.split(",") if isinstance(given, str) else given)]
-        )
-    except ValueError:
-        plan = str(given).endswith(".npz")
+        return np.array(numbers(given, robot.n))
+    except ValueError as error:
+        what = f"--pose {given} is no file, and {error}"
         raise WrongUsage(
-            f"--pose {given} is neither a file nor a list of positions",
-            fix=f"plan it first: dynid trajectory {robot.word}"
-            if plan
-            else "--pose 0,0.5,0,1,0,0.5,0",
+            what, fix=f"dynid trajectory {robot.word}, or one per joint [rad]"
         ) from None
-    if not np.all(np.abs(pose) <= MOST):
-        raise WrongUsage(
-            f"--pose {given} is beyond what can be measured", fix="give one per joint [rad]"
-        )
-    if len(pose) != robot.n:
-        what = f"--pose has {len(pose)} numbers, {robot.name} has {robot.n} joints"
-        raise WrongUsage(what, fix="give one per joint [rad]")
-    return pose

@@ -15,7 +15,7 @@ from dynid.errors import WrongRobotFile, WrongUsage
 from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
-from dynid.model.effects.catalogue import CATALOGUE, checked, joints_of
+from dynid.model.effects.catalogue import checked, joints_of
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import Model, ModelTorques, prior_vector
@@ -29,6 +29,7 @@ from dynid.workflows.options import SimulateOptions
 
 #: What computes the rigid bodies.
 PHYSICS = "MuJoCo's inverse dynamics"
+LISTED = "dynid explain effects lists them, with their parameters"
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,7 +74,7 @@ def simulate(
 
     Args:
         robot: the arm, its name, or the path of its file; its prior are the true bodies.
-        motion: what it does, evenly sampled; or a plan, a log, or the path of either.
+        motion: what it does, evenly sampled; or a plan, or its path.
         options: friction, effects and sensors.
         base: the arm's base model, where it is there already; needed for effects.
         progress: reports what is computed.
@@ -138,37 +139,25 @@ def _effect_torque(
     for spec in specs:
         numbers = ((joint, whole_number(joint)) for joint in spec.joints)
         joints = tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers)
-        named, fix = replace(spec, joints=joints), _template(spec)
+        named = replace(spec, joints=joints)
         try:
             effect = checked(named, robot)
         except WrongRobotFile as error:
             if spec in robot.effects:
                 raise
             what = f"--effect: {error.what.removeprefix('effects: ')}"
-            raise WrongUsage(what, fix=fix or "dynid explain effects lists them") from error
+            raise WrongUsage(what, fix=LISTED) from error
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
         shape = {name: named.parameters[name] for name in effect.shape_units}
         names = effect.amplitudes(shape)
         if missing := ", ".join(name for name in names if name not in named.parameters):
-            raise WrongUsage(f"--effect: {effect.name} needs parameters {missing}", fix=fix)
+            raise WrongUsage(f"--effect: {effect.name} needs parameters {missing}", fix=LISTED)
         sizes = [named.parameters[name] for name in names]
         for where in joints_of(named, effect, robot):
             columns = effect.columns(path, where, shape)
             torque[:, list(effect.rows(where, robot.n))] += np.tensordot(sizes, columns, axes=1).T
         if not np.all(np.isfinite(torque)):
             what = f"--effect: {effect.name} gives no finite torque with these numbers"
-            raise WrongUsage(what, fix=fix)
+            raise WrongUsage(what, fix=LISTED)
     return torque
-
-
-def _template(spec: EffectSpec) -> str:
-    """Return an option with all the numbers that an effect of the catalogue needs, "" for one that is not there."""
-    effect = CATALOGUE.get(spec.effect)
-    if effect is None:
-        return ""
-    shape = {name: spec.parameters.get(name, 1.0) for name in effect.shape_units}
-    values = shape | {name: spec.parameters.get(name, 1.0) for name in effect.amplitudes(shape)}
-    joints = "" if effect.scope == "arm" else f"@{','.join(spec.joints) or 'JOINT'}"
-    numbers = ",".join(f"{name}={value:g}" for name, value in values.items())
-    return f"--effect {spec.effect}{joints}:{numbers}"

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid import arguments
 from dynid.arguments import public
 from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
@@ -30,7 +29,6 @@ def compare_in_simulator(
     log: LogLike,
     *,
     engine: str = "mujoco",
-    names: Sequence[str] = (),
     seconds: float | None = None,
     progress: Progress | None = None,
 ) -> SimulatorGap:
@@ -43,7 +41,6 @@ def compare_in_simulator(
         results: results of one arm, such as before and after an effect was added.
         log: a recording, best one that was not fitted.
         engine: ``"mujoco"`` or ``"pybullet"``.
-        names: of the results; before and after for two of them.
         seconds: the last so many seconds of the recording are driven; None for all [s].
         progress: reports what is simulated.
 
@@ -57,32 +54,26 @@ def compare_in_simulator(
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
     given = as_results(results)
-    first, last, count = given[0], given[-1], len(given)
+    first, last = given[0], given[-1]
     robot, options = first.robot, LogOptions(cutoff=first.cutoff or None, delay=first.delay)
     recording = as_log(log, robot, options)
-    arguments.words(engine, "engine", ("mujoco", "pybullet"))
-    usual = ("before", "after") if count == 2 else tuple(f"{k + 1}" for k in range(count))
-    models = arguments.words(names, "names") or usual
-    if len(models) != count:
-        raise WrongUsage(f"{len(models)} names for {count} results", fix="one name per result")
+    names = ("before", "after") if len(given) == 2 else [str(k + 1) for k in range(len(given))]
     if any(each.robot.joint_names != robot.joint_names for each in given):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
-    length = np.inf if seconds is None else seconds
-    if not length > 0.0:
-        raise arguments.refused("seconds", "a length in seconds, or None for all", seconds)
     with heard_by():
         checked = checked_log(recording, robot, options, identify=False)
         (conditioned,) = condition_logs([checked], first.base.model, options)
     # The end of the longest part without gaps.
     longest = max(conditioned.segments, key=len)
-    start = int(np.searchsorted(longest.t[:-2], longest.t[-1] - length))
+    begin = -np.inf if seconds is None else longest.t[-1] - seconds
+    start = int(np.searchsorted(longest.t[:-2], begin))
     t, q, qd, tau = (x[start:] for x in (longest.t, longest.q, longest.qd, longest.tau))
     some = q[:: max(1, len(q) // 100)]
     matrices = mass_matrices(lambda *state: last.base.observer.torque(last.theta, *state), some)
     # What each joint moves, on average along the motion, (n,) [kg m^2 or kg].
     inertia = np.abs(np.diagonal(matrices, axis1=1, axis2=2)).mean(axis=0)
     runs = []
-    for name, each in zip(models, given, strict=True):
+    for name, each in zip(names, given, strict=True):
         arm = identified_arm(each, ("mjcf",))
         stage("simulate", f"{name}, {len(t)} samples")
         runs.append(drive(arm, engine, (t - t[0], q, qd, tau), inertia))
@@ -91,7 +82,7 @@ def compare_in_simulator(
         robot=robot,
         log=str(recording.source or recording.name),
         engine=engine,
-        models=models,
+        models=tuple(names),
         t=t - t[0],
         q=q,
         simulated=simulated,

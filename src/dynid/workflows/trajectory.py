@@ -9,23 +9,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynid import arguments
 from dynid.answer import Answer, Answered, picked
 from dynid.arguments import public
 from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import Finding, PlanTeachesLittle, WrongUsage
-from dynid.estimation.least_squares import weighted
 from dynid.estimation.posterior import information_of as known_of
 from dynid.estimation.posterior import prior_information, sample_noise
 from dynid.estimation.result import Identification
-from dynid.estimation.stack import stack_logs
-from dynid.files.artifact import kind_of, reading
+from dynid.files.artifact import reading
 from dynid.files.planfile import Waypoints, read_plan, read_waypoints
 from dynid.files.trajectoryfile import (
     Review,
@@ -38,20 +35,10 @@ from dynid.files.trajectoryfile import (
 from dynid.gap.record import GapRecord, read_record
 from dynid.gap.tuning import LOUDER
 from dynid.judgement.rules import Step
-from dynid.loading import (
-    RobotLike,
-    as_robot,
-    checked_log,
-    condition_logs,
-    load_run,
-    parameters_of,
-    read_log,
-)
-from dynid.log import Log
+from dynid.loading import ResultLike, RobotLike, as_result, as_robot, load_run
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.motion import Motion
-from dynid.options import LogOptions
 from dynid.progress import Progress, stage
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot
@@ -82,13 +69,11 @@ from dynid.trajectory.predict import (
     Prediction,
     alpha_table,
     default_noise,
-    information_of,
     predict,
 )
 from dynid.trajectory.preview import Drawing, window
 from dynid.trajectory.scene import Box
 from dynid.trajectory.separation import GapQuestion, Rivalry, run_of, separate, separation
-from dynid.units import joint_unit
 from dynid.workflows.model import base_model
 
 #: PyBullet measures no distance beyond this [m].
@@ -175,7 +160,9 @@ class Plan(Answered):
             findings.append(Finding("W606", "warning", text, {"assumed": list(assumed)}))
         error, noise = self.at_full_speed.torque_error, self.noise_rms
         if error > noise:
-            text = f"expected torque error on other motions {error:.2g} {self.units[3]} even at full speed"
+            text = (
+                f"expected torque error on other motions {error:.2g} {self.unit} even at full speed"
+            )
             text += f", more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
             findings.append(Finding("W608", "warning", text, {"expected_torque_error_nm": error}))
         return tuple(findings)
@@ -284,29 +271,13 @@ class Plan(Answered):
         write_trajectory(path, self.stored(inputs))
         return [path, *texts]
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of positions, velocities, accelerations and torques; both where joints turn and slide."""
-        kinds = sorted({joint.revolute for joint in self.robot.joints}, reverse=True)
-        units = ("rad", "rad/s", "rad/s^2", "N m")
-        return tuple(
-            " or ".join(joint_unit(unit, revolute=kind) for kind in kinds) for unit in units
-        )
-
     def table(self) -> Table:
         """Return the largest values of each joint, and the share of the nearest limit that they use."""
-        units = self.units
-        rows = [
-            {
-                "joint": peak.joint,
-                f"position [{units[0]}]": peak.position,
-                f"velocity [{units[1]}]": peak.velocity,
-                f"acceleration [{units[2]}]": peak.acceleration,
-                f"torque [{units[3]}]": peak.torque,
-                "share of limit": peak.share,
-            }
-            for peak in self.check.peaks
-        ]
+        rows = []
+        for peak, joint in zip(self.check.peaks, self.robot.joints, strict=True):
+            row = picked(peak, "joint", "position", "velocity", "acceleration", "torque")
+            unit = "rad, N m" if joint.revolute else "m, N"
+            rows.append(row | {"unit": unit, "share of limit": peak.share})
         return Table(rows)
 
     def answer(self) -> Answer:
@@ -321,18 +292,23 @@ class Plan(Answered):
 
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""
-        run, figures, unit = self.trajectory, self.prediction.figures, self.units[3]
-        alpha, basis, noise = run.alpha, run.basis.facts, self.noise
-        lines = list[tuple[str, str]]()
+        run, figures, full, basis = (
+            self.trajectory,
+            self.prediction.figures,
+            self.at_full_speed,
+            self.trajectory.basis.facts,
+        )
         kind = f"{len(basis['knots']) - 1} {basis['kind']} segments, {run.basis.duration:.1f} s at full speed"
-        slow = f"{run.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
-        lines.append(("plan", f"{kind}; {slow}"))
+        slow = f"{run.duration:.1f} s at alpha {run.alpha:g} (speed x{run.alpha:g}, acceleration x{run.alpha**2:.2g})"
+        lines = [("plan", f"{kind}; {slow}")]
         if (search := self.search) is not None:
             done = f"{search.finished_starts} start{'s' * (search.finished_starts != 1)} finished"
             drawn = f", reduced to {100 * search.share:.0f} % of its size to avoid collisions"
             ended = ENDINGS[search.ended].format(done=done) + drawn * (search.share < 1)
             lines.append(("search", f"{ended}; seed {search.seed}"))
-        lines.append(("limits", self._shares()))
+        most = max(peak.share for peak in self.check.peaks)
+        used = f"all inside, at most {100 * most:.0f} % of them less their margin"
+        lines.append(("limits", f"{used}; tool up to {self.check.tool_speed:.2f} m/s"))
         for near in self.clearance.distances[:1]:
             size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
             lines.append(
@@ -346,39 +322,20 @@ class Plan(Answered):
         condition = (
             f"{figures.condition:.3g} (columns of equal length: {figures.condition_scaled:.3g})"
         )
-        smallest = f"smallest singular value {figures.smallest:.2g}"
-        lines.append(("excitation", f"condition number {condition}   {smallest}"))
-        error, left = f"torque error {self.prediction.torque_error:.2g} {unit} on other motions", ""
-        if self.unexplained is not None:
-            left = f" and {self.unexplained:.2g} {unit} that no parameter explains"
-        lines.append(("predicted", f"{error}{left}; weakest: {self.weakest}"))
+        lines.append(("excitation", f"condition number {condition}; weakest: {self.weakest}"))
         lines += [("gap", text) for text in self.outlook]
-        sizes = " to ".join(dict.fromkeys(f"{size:.2g}" for size in (noise.min(), noise.max())))
-        lines.append(("noise", f"{sizes} {unit} per sample, {self.noise_from}"))
-        # What slowing down costs, so that nobody identifies from a first, slow run by mistake.
-        for row in self.alphas:
-            times = row.torque_error / self.at_full_speed.torque_error
-            here = "  <- this plan" * (row.alpha == alpha)
-            text = f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{here}"
+        lines.append(("noise", f"{self.noise_rms:.2g} {self.unit} per sample, {self.noise_from}"))
+        if run.alpha < 1:
+            # So that nobody identifies from a first, slow run by mistake.
+            times = self.prediction.torque_error / full.torque_error
+            text = f"at full speed {full.duration:.0f} s, and an expected torque error {times:.3g} times smaller"
             lines.append(("alpha", text))
-        if alpha < 1:
-            lines.append(
-                ("note", "a slow run is a first, safe one: then record at 0.5, then at 1.0")
-            )
         return lines
 
-    def _shares(self) -> str:
-        """Say how much of what the margin leaves is used."""
-        limits, peaks = self.limits, self.check.peaks
-        middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
-        used = {
-            "position": (np.array([peak.position for peak in peaks]) - middle) / half,
-            "speed": np.array([peak.velocity for peak in peaks]) / limits.velocity,
-            "acceleration": np.array([peak.acceleration for peak in peaks]) / limits.acceleration,
-            "torque": np.array([peak.torque or 0.0 for peak in peaks]) / limits.torque,
-        }
-        words = "   ".join(f"{k} {100 * np.max(np.abs(share)):.0f} %" for k, share in used.items())
-        return f"{words}   of the limits less margin: all inside; tool up to {self.check.tool_speed:.2f} m/s"
+    @property
+    def unit(self) -> str:
+        """Unit of torques; both where joints turn and slide."""
+        return " or ".join(dict.fromkeys(joint.torque_unit for joint in self.robot.joints))
 
 
 def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
@@ -388,8 +345,8 @@ def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
         robot: the arm.
         facts: of the motion, as ``Plan.facts`` says them.
     """
-    units = " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
-    error = f"{facts['expected_torque_error_nm']:.2g} {units}"
+    unit = " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
+    error = f"{facts['expected_torque_error_nm']:.2g} {unit}"
     return (
         f"This motion of {facts['duration_s']:.1f} s keeps all limits of {robot.name}. "
         f"With a recording of it the model should predict other motions to {error}."
@@ -401,42 +358,7 @@ def scene_facts(options: PlanOptions, urdf: Path | None) -> dict[str, Any]:
     return {**options.scene.facts, "urdf": None if urdf is None else str(urdf.resolve())}
 
 
-#: A recording, what was identified from recordings, or a motion that was planned and not yet recorded.
-Earlier = Log | Identification | StoredTrajectory
-EarlierLike: TypeAlias = Earlier | Plan | str | Path
-
-#: A motion shorter than this at full speed is named as too short when it teaches little [s].
-SHORT = 10.0
-
-
 # ---------------------------------------------------------------- what is known before
-def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> Iterator[Earlier]:
-    """Yield logs, results and motions, each given by itself or by its path."""
-    kinds = (Log, Identification, StoredTrajectory, Plan)
-    wanted = "a log, a result or a motion; or a list of them"
-    for each in arguments.several(given, (*kinds, str, Path), "earlier", wanted, empty=True):
-        known = each.stored() if isinstance(each, Plan) else each
-        if isinstance(each, (str, Path)):
-            path = Path(each)
-            # Why: a recording of rosbag2 is a folder as well.
-            path = parameters_of(path) if parameters_of(path).is_file() else path
-            kind = kind_of(path) if path.suffix == ".npz" else ""
-            if kind == "dynid/identification":
-                known = load_run(path)
-            elif kind == "dynid/trajectory":
-                known = read_trajectory(path, robot)
-            else:
-                known = read_log(path, robot)
-        elif not isinstance(each, kinds):
-            raise arguments.refused("earlier", wanted, each)
-        # Of a log the columns are looked up.
-        if isinstance(known, Identification):
-            robot.require_joints(known.robot.joint_names, known.label)
-        elif isinstance(known, StoredTrajectory):
-            robot.require_joints(known.joints, known.source or "the earlier motion")
-        yield known
-
-
 def _torque_noise(
     robot: Robot, given: Sequence[float] | None, results: Sequence[Identification], rate: float
 ) -> tuple[Floats, str]:
@@ -458,36 +380,23 @@ def _torque_noise(
 
 
 def _information(
-    base: BaseModel, earlier: Sequence[Earlier], noise: Floats
+    base: BaseModel, results: Sequence[Identification]
 ) -> tuple[Floats | None, Floats]:
-    """Return the information about the base parameters of earlier files, and with the prior of possible bodies.
+    """Return the information about the base parameters of earlier results, and with the prior of possible bodies.
 
-    Args:
-        base: model and base parameters.
-        earlier: logs, results and motions; the posterior of a physical set holds the prior already.
-        noise: standard deviation of each joint's torque, for motions that were not recorded, (n,) [N m or N].
+    The posterior of a physical set holds the prior already.
 
     Returns:
-        Both as matrices, (p, p); the first is None without any file.
+        Both as matrices, (p, p); the first is None without any result.
     """
     total: Floats | None = None
     prior = prior_information(base)
-    for known in earlier:
-        if isinstance(known, Identification):
-            information, name = _of_result(base, known), str(known.path)
-            prior = prior * (known.in_force != "physical")
-        elif isinstance(known, StoredTrajectory):
-            columns, name = base.reduction.base, str(known.source)
-            information = information_of(base.model, columns, known.motion, noise)[1]
-        else:
-            log, options = checked_log(known, base.robot), LogOptions(delay=0.0)
-            stack = stack_logs(condition_logs([log], base.model, options), base)
-            name = str(log.source)
-            sigma = weighted(stack.factors, stack.counts).noise
-            W = stack.factors[:, :, :-1] / sigma[:, None, None]
-            information = np.asarray((W.swapaxes(1, 2) @ W).sum(axis=0))
+    for result in results:
+        base.robot.require_joints(result.robot.joint_names, result.label)
+        information = _of_result(base, result)
+        prior = prior * (result.in_force != "physical")
         total = information if total is None else total + information
-        stage("earlier", f"{name}: the new motion is planned to complete it")
+        stage("earlier", f"{result.path}: the new motion is planned to complete it")
     return total, prior if total is None else total + prior
 
 
@@ -512,13 +421,9 @@ def _waypoints_of(given: Waypoints | ArrayLike | str | Path, robot: Robot) -> Wa
         return given
     if isinstance(given, (str, Path)):
         return read_waypoints(Path(given), robot)
-    try:
-        points = np.asarray(given, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        points = np.zeros(0)
-    rows = points.ndim == 2 and points.shape[1] == robot.n and len(points) > 1
-    if not rows or not np.all(np.isfinite(points)):
-        raise arguments.refused("waypoints", f"at least 2 rows of {robot.n} numbers", given)
+    points = np.asarray(given, dtype=float)
+    if points.shape[1:] != (robot.n,) or len(points) < 2 or not np.all(np.isfinite(points)):
+        raise WrongUsage(f"waypoints must be at least 2 rows of {robot.n} numbers")
     return Waypoints(points)
 
 
@@ -541,7 +446,7 @@ def plan_trajectory(
     options: PlanOptions = PlanOptions(),
     *,
     waypoints: Waypoints | ArrayLike | str | Path | None = None,
-    earlier: EarlierLike | Sequence[EarlierLike] = (),
+    earlier: Sequence[ResultLike] = (),
     urdf: str | Path | None = None,
     base: BaseModel | None = None,
     drawing: Drawing | None = None,
@@ -555,7 +460,7 @@ def plan_trajectory(
         robot: the arm, its name, or the path of its file.
         options: what is wanted.
         waypoints: points that the motion goes through instead of a search, (K, n) [rad or m].
-        earlier: logs, results and motions, or their paths, whose information the motion completes.
+        earlier: results whose information the motion completes.
         urdf: the arm's own shapes; cylinders along the DH table when None.
         base: the arm's base model, where it is there already.
         drawing: pictures that PyBullet must draw; without it PyBullet is used where it is installed.
@@ -573,16 +478,15 @@ def plan_trajectory(
         dynid.plan_trajectory("kuka_lwr4plus", duration=20.0, seconds=30.0)
     """
     robot, begin = as_robot(robot), time.monotonic()
-    before = list(_earlier_of(earlier, robot))
     through = None if waypoints is None else _waypoints_of(waypoints, robot)
     urdf = None if urdf is None else Path(urdf)
     drawing = drawing or Drawing()
     if isinstance(for_gap, (str, Path)):
         for_gap = read_record(Path(for_gap))
     base = _without_effects(base or base_model(robot))
-    results = [each for each in before if isinstance(each, Identification)]
+    results = [as_result(each, "earlier") for each in earlier]
     noise, source = _torque_noise(robot, options.noise, results, options.rate)
-    context = planning_context(base, options, noise, *_information(base, before, noise))
+    context = planning_context(base, options, noise, *_information(base, results))
     question = None if for_gap is None else question_of(for_gap, base, context.theta)
     outcome, until, search = None, begin + options.seconds, None
     stage("plan" if through else "search")
@@ -627,7 +531,7 @@ def plan_trajectory(
         unexplained=_unexplained(results),
         outlook=() if question is None else tuple(outlook(base, question, chosen.trajectory)),
     )
-    if outcome is not None and question is None and not before:
+    if outcome is not None and question is None and not results:
         require_teaching(plan)
     return plan
 
@@ -645,21 +549,14 @@ def require_teaching(plan: Plan) -> None:
         plan: what was found.
 
     Raises:
-        PlanTeachesLittle: it teaches too little (E511); the message says what limits it.
+        PlanTeachesLittle: it teaches too little (E511).
     """
-    noise, full, search = plan.noise_rms, plan.at_full_speed, plan.search
+    noise, full = plan.noise_rms, plan.at_full_speed
     if full.torque_error <= noise:
         return
-    reasons = [f"weakest is {plan.weakest}"]
-    if search is not None and search.share < 1:
-        reasons.insert(0, f"to avoid collisions it was reduced to {100 * search.share:.0f} %")
-    if search is not None and search.ended in ("time", "interrupt") and not search.finished_starts:
-        reasons.insert(0, "the search ended before its first start was finished")
-    if plan.options.duration < SHORT:
-        reasons.insert(0, f"it has {plan.options.duration:g} s")
     error = f"expected torque error on other motions {full.torque_error:.2g} N m even at full speed"
     more = f"more than the noise of one sample ({noise:.2g} N m)"
-    raise PlanTeachesLittle(f"{error}, {more}: {', '.join(reasons)}")
+    raise PlanTeachesLittle(f"{error}, {more}; weakest is {plan.weakest}")
 
 
 def _without_effects(base: BaseModel) -> BaseModel:

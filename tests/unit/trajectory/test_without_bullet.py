@@ -46,7 +46,7 @@ def test_a_given_motion_that_meets_the_floor_is_refused_without_pybullet_too(lwr
 
 def test_a_motion_that_teaches_too_little_is_refused_with_what_limits_it(lwr):
     plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr)
-    with pytest.raises(PlanTeachesLittle, match=r"it has 6 s, weakest is"):
+    with pytest.raises(PlanTeachesLittle, match="weakest is"):
         require_teaching(plan)
 
 

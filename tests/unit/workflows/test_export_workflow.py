@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from dynid import ExportOptions, export
+from dynid import export
 from dynid.errors import NotPhysical, WrongUsage
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import smallest_eigenvalues
@@ -49,29 +49,6 @@ def test_a_suffix_of_no_format_is_refused_with_those_there_are(result, tmp_path)
         export(result, tmp_path / "arm.stl")
     assert ".urdf, .xml, .yaml" in raised.value.fix
     assert not list(tmp_path.iterdir())
-
-
-def impossible(result):
-    """The result with a plain estimate whose nearest bodies have a negative mass of link 1."""
-    plain = result.plain.copy()
-    plain[result.names.index("m1R")] = -50.0
-    return replace(result, fit=replace(result.fit, theta=plain))
-
-
-def test_a_program_with_an_indefinite_mass_matrix_is_refused_and_says_so_where_it_is_wanted(
-    result, tmp_path
-):
-    """Its own mass matrix, loaded from the file, has a negative eigenvalue."""
-    with pytest.raises(NotPhysical, match="mass matrix is not positive definite in 200 of 200"):
-        export(impossible(result), tmp_path, parameters="plain", formats=("python",))
-    assert not list(tmp_path.iterdir())
-    options = ExportOptions(parameters="plain", allow_infeasible=True)
-    export(impossible(result), tmp_path / "arm.py", options)
-    text = (tmp_path / "arm.py").read_text()
-    assert "WARNING: the mass matrix is not positive definite" in text.splitlines()[0]
-    space = {}
-    exec(compile(text, "arm.py", "exec"), space)
-    assert np.linalg.eigvalsh(space["mass_matrix"](np.array([0.3, 0.2]))).min() < 0
 
 
 def test_without_gains_nothing_is_in_kilograms(result, tmp_path):

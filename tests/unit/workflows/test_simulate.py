@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 
 from dynid import Motion, SimulateOptions, base_model, load_robot, simulate
 from dynid.errors import WrongUsage
-from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.regressor import ModelTorques, prior_vector
 from dynid.robot import Body, Prior
 from motions import tones
@@ -103,15 +102,3 @@ def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion, bare):
 def test_an_effect_without_its_numbers_or_of_another_name_is_refused(bare, text, said):
     with pytest.raises(WrongUsage, match=said):
         bare(effects=(text,))
-
-
-@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"torque_delay"}))
-def test_a_refused_effect_of_the_catalogue_is_answered_with_one_that_works(bare, base, name):
-    joints = {"joint": "@2", "pair": "@2,1", "arm": ""}[CATALOGUE[name].scope]
-    with pytest.raises(WrongUsage) as caught:
-        bare(base=base, effects=(f"{name}{joints}",))
-    plain = bare(base=base)
-    bent = bare(base=base, effects=(caught.value.fix.removeprefix("--effect "),))
-    assert np.isfinite(bent.torque).all()
-    # The second joint carries no weight that backlash could move in, and never comes to the stop.
-    assert np.abs(bent.torque - plain.torque).max() > 0 or name in ("backlash", "end_stop")

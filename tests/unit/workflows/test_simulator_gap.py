@@ -7,7 +7,6 @@ import pytest
 
 import dynid
 import twolink
-from dynid.errors import WrongUsage
 from dynid.robot import EffectSpec
 from dynid.signals.columns import take_samples
 from dynid.workflows.simulator_gap import save_figure
@@ -35,10 +34,3 @@ def test_the_gap_shrinks_in_the_simulator_when_the_effect_is_added(results, engi
     assert [model["name"] for model in facts["models"]] == ["before", "after"]
     assert "->" in repr(found)
     assert save_figure(found, tmp_path / "gap.png").stat().st_size > 10_000
-
-
-def test_wrong_engines_and_names_are_refused(results):
-    with pytest.raises(WrongUsage, match="engine"):
-        dynid.compare_in_simulator(*results, engine="gazebo")
-    with pytest.raises(WrongUsage, match="3 names for 2 results"):
-        dynid.compare_in_simulator(*results, names=("a", "b", "c"))
