@@ -9,7 +9,7 @@ WARNINGS: dict[str, str] = {
     "W203": "A key of the DH table was given by another usual name and understood.",
     "W206": "Gravity points up in the world frame; say `mount: ceiling` when the arm hangs.",
     "W207": "A body of the robot file has an inertia that no distribution of mass has.",
-    "W210": "The URDF lacks something or has it wrong: no mass, an impossible inertia, joints on a link of the arm.",
+    "W210": "The URDF lacks something or has it wrong: no mass, or an impossible inertia.",
     "W304": "The messages have no usable time stamps; the time of arrival in the bag is used.",
     "W305": "The bag was cut or not closed; what could be read was recovered.",
     "W308": "Measured velocity and the change of position agree only roughly; the derived velocity is better.",
@@ -49,7 +49,6 @@ WARNINGS: dict[str, str] = {
     "W606": "Limits that the robot file leaves out were assumed for the plan; `dynid record` refuses assumed rates.",
     "W605": "PyBullet is missing: distances were measured on capsules along the links, and the picture is a drawing.",
     "W608": "Even at full speed a log of the motion would predict other motions worse than one sample measures.",
-    "W607": "Interrupted: distances were measured on capsules along the links only, and nothing was drawn.",
 }
 
 

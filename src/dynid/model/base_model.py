@@ -1,7 +1,7 @@
 """The base model of an arm: its regressor and what of its parameters can be identified, as people see it and on disk.
 
 ``regressor.npz`` and ``fullregressor.npz`` are keyed by the content of the robot file. The program is stored as integer
-arrays; loading it builds no code.
+arrays for other programs; dynid derives it again in the time that reading it would take.
 """
 
 from __future__ import annotations
@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 
 from dynid.answer import Answer, Answered
 from dynid.arrays import Floats
-from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.model.kinematics import geometry
-from dynid.model.program import Program
 from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model, ModelTorques, Observer, build_model, prior_vector
 from dynid.npz import write_artifact
@@ -197,9 +195,7 @@ def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTor
 
 # ---------------------------------------------------------------- on disk
 REGRESSOR, FULL = "dynid/regressor/1", "dynid/fullregressor/1"
-_PROGRAM = dict.fromkeys(("op", "lhs", "rhs"), "M") | dict.fromkeys(
-    ("rows", "cols", "outputs"), "E"
-)
+_PROGRAM = ("op", "lhs", "rhs", "rows", "cols", "outputs")
 #: What any file has that holds base parameters.
 REDUCTION_SHAPES = {"base": "p", "K": "p c", "singular_values": "_"}
 _LISTS = ("alone", "none", "combined", "formulas")
@@ -245,22 +241,6 @@ def save_model(path: Path, model: Model) -> None:
     write_artifact(path, REGRESSOR, header, {name: getattr(p, name) for name in _PROGRAM})
 
 
-def load_model(path: Path, robot: Robot) -> Model:
-    """Read regressor.npz of a robot."""
-    artifact = read_artifact(path, REGRESSOR, _PROGRAM)
-    h = artifact.header
-    with reading(path):
-        rows, cols = map(int, h["shape"])
-        program = Program(
-            inputs=tuple(h["program_inputs"]),
-            shape=(rows, cols),
-            **{name: artifact.arrays[name] for name in _PROGRAM},
-        )
-    if program.shape != (robot.n, 11 * robot.n) or program.joints > robot.n:
-        raise NotAnArtifact(f"{path} is damaged: its joints do not match its robot", where=path)
-    return Model(robot, program)
-
-
 def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
     """Write fullregressor.npz."""
     facts, arrays = reduction_facts(reduction)
@@ -292,11 +272,8 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
     Args:
         facts: of the header.
         arrays: with the shapes of ``REDUCTION_SHAPES``.
-
-    Raises:
-        ValueError: names, indices and the matrix contradict each other.
     """
-    read = Reduction(
+    return Reduction(
         names=tuple(facts["parameters"]),
         base=arrays["base"].astype(np.intp),
         K=arrays["K"],
@@ -304,17 +281,3 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         gap=np.inf if facts["gap"] is None else facts["gap"],
         **{key: tuple(facts[key]) for key in _LISTS},
     )
-    p, c = read.K.shape
-    known = set(read.names)
-    agree = (
-        len(known) == c
-        and known.issuperset((*read.alone, *read.none, *read.combined))
-        and p > 0
-        and read.base[-1] < c
-        and tuple(facts["base"]) == read.base_names
-        and np.array_equal(read.K[:, read.base], np.eye(p))
-        and len(read.formulas) in (0, p)
-    )
-    if not agree:
-        raise ValueError("its parameters and base parameters contradict each other")
-    return read

@@ -9,7 +9,6 @@ run on blocks of samples that stay in the processor's cache.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import compress
@@ -33,8 +32,6 @@ FOLD: dict[int, Callable[[float, float], float]] = {
     NEG: lambda a, _: -a,
 }
 UFUNC: dict[int, Any] = {ADD: np.add, SUB: np.subtract, MUL: np.multiply}
-#: Names of inputs; nothing else may become a variable when a program is written as code.
-_INPUT = re.compile(r"(?:c|s|q|qd|qdd|a|d|ca|sa)[1-9][0-9]{0,3}|g[xyz]")
 
 
 @dataclass(frozen=True)
@@ -62,31 +59,10 @@ class Program:
     outputs: Ints
     shape: tuple[int, int]
 
-    def __post_init__(self) -> None:
-        """Check names, and that no operation reads a slot that is not yet there: all may come from a file."""
-        slots = self.first + np.arange(self.flops)
-        arrays = (self.op, self.lhs, self.rhs, self.rows, self.cols, self.outputs)
-        sound = (
-            all(_INPUT.fullmatch(name) for name in self.inputs)
-            and all(np.issubdtype(array.dtype, np.integer) for array in arrays)
-            and all(_within(operand, slots) for operand in (self.lhs, self.rhs))
-            and _within(self.op, NEG + 1)
-            and _within(self.outputs, self.first + self.flops)
-            and _within(self.rows, self.shape[0])
-            and _within(self.cols, self.shape[1])
-        )
-        if not sound:
-            raise ValueError("the arrays do not form a straight-line program")
-
     @property
     def first(self) -> int:
         """Slot of the first operation."""
         return len(self.inputs)
-
-    @property
-    def joints(self) -> int:
-        """Largest number of a joint that an input names."""
-        return max((int(name.lstrip("acdqs")) for name in self.inputs if name[0] != "g"), default=0)
 
     @property
     def flops(self) -> int:
@@ -118,10 +94,6 @@ class Program:
             renumbered[self.outputs[kept]].astype(as_int),
             (self.shape[0], len(columns)),
         )
-
-
-def _within(values: Ints, limit: int | NDArray[np.intp]) -> bool:
-    return bool(np.all((values >= 0) & (values < limit)))
 
 
 # ---------------------------------------------------------------- evaluation

@@ -35,8 +35,6 @@ UNKNOWN_LINK_MASS_KG = 1.0
 PARALLEL_AXES_RAD = 1e-7
 #: Lengths below this are zero [m]. evidence: none yet.
 ZERO_LENGTH_M = 1e-9
-#: Forward kinematics of the table must agree with the URDF's to this [m and rad]. evidence: none yet.
-SAME_POSE = 1e-9
 #: Least second moment of a body along an axis, as a share of the largest: a plate is not infinitely thin.
 #: evidence: none yet.
 THINNEST_BODY_SHARE = 1e-3

@@ -43,7 +43,6 @@ from dynid.trajectory.preview import (
 )
 from dynid.trajectory.scene import Distance
 
-Result = TypeVar("Result")
 Judgement = TypeVar("Judgement")
 
 
@@ -232,7 +231,7 @@ def proposals(context: PlanningContext, outcome: SearchOutcome | None) -> Iterat
         if outcome
         else [coefficients(basis, limits, random_variables(basis, limits, rng)) for rng in draws]
     )
-    home = once_more(lambda: clear_pose(context))
+    home = clear_pose(context)
     for share in tuning.SHRINK_SHARES:
         for one in candidates:
             drawn = share * one + (1 - share) * np.outer(basis.constant, home)
@@ -305,8 +304,6 @@ def require_clear_motion(
 ) -> Clearance:
     """Let PyBullet measure and draw a motion; without PyBullet the distances of the capsules stand.
 
-    Ctrl-C while PyBullet measures leaves the distances of the capsules, while it draws no pictures.
-
     Args:
         context: the arm and its surroundings.
         trajectory: the motion.
@@ -319,65 +316,36 @@ def require_clear_motion(
         PackageMissing: PyBullet is missing and was asked for.
     """
     robot, scene = context.robot, context.options.scene
-    finding = ""
+    missing = False
     try:
         distances = measure_trajectory(trajectory, robot, urdf, scene)
-    except (PackageMissing, KeyboardInterrupt) as reason:
-        missing = isinstance(reason, PackageMissing)
-        if missing and drawing.needed:
+    except PackageMissing:
+        if drawing.needed:
             raise
-        distances = once_more(lambda: _capsule_distances(context, trajectory))
-        finding = "W605" if missing else "W607"
-        drawing = replace(drawing, animation=None, picture=drawing.picture if missing else None)
-    clear = Clearance(distances)
+        missing, distances = True, _capsule_distances(context, trajectory)
+        drawing = replace(drawing, animation=None)
+    paths = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
 
     def draw() -> None:
-        assert drawing.draw is not None
-        count = FRAMES if drawing.animation else STILLS
-        pictures = [] if finding else photographs(trajectory, robot, urdf, scene, count)
-        drawing.draw(drawing, trajectory, context.capsules, pictures)
+        if paths:
+            assert drawing.draw is not None
+            stage("draw")
+            count = FRAMES if drawing.animation else STILLS
+            pictures = [] if missing else photographs(trajectory, robot, urdf, scene, count)
+            drawing.draw(drawing, trajectory, context.capsules, pictures)
 
-    fix = clearance_fix(robot, guessed=urdf is None or bool(finding))
+    fix = clearance_fix(robot, guessed=urdf is None or missing)
     try:
         require_clear(distances, drawing.picture if given else None, fix)
     except Collision:
         if given:
-            _drawn(drawing, draw)
-        raise
-    pictures = _drawn(drawing, draw)
-    if not finding:
-        return replace(clear, pictures=pictures)
-    what = "the picture is a drawing" if pictures else "nothing was drawn"
-    said = Finding(finding, "warning", f"{_WITHOUT_BULLET[finding]} {what}")
-    return replace(clear, pictures=pictures, findings=(said,))
-
-
-#: Warning for a motion that PyBullet did not measure, by the code of the finding.
-_WITHOUT_BULLET = {
-    "W605": "PyBullet is missing: distances are those of capsules along the links,",
-    "W607": "interrupted: distances were measured on capsules along the links only, and",
-}
-
-
-def _drawn(drawing: Drawing, draw: Callable[[], None]) -> tuple[Path, ...]:
-    """Draw, and return which files there are; none when the person does not wait for them."""
-    paths = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
-    try:
-        if paths:
-            stage("draw")
             draw()
-    except KeyboardInterrupt:
-        stage("interrupt", "the motion is kept, but no picture was drawn")
-        return ()
-    return paths
-
-
-def once_more(work: Callable[[], Result]) -> Result:
-    """Do short work to its end: the first Ctrl-C begins it anew, the second one ends."""
-    try:
-        return work()
-    except KeyboardInterrupt:
-        return work()
+        raise
+    draw()
+    what = "PyBullet is missing: distances are those of capsules along the links, "
+    what += "the picture is a drawing" if paths else "nothing was drawn"
+    said = Finding("W605", "warning", what)
+    return Clearance(distances, paths, (said,) if missing else ())
 
 
 def clearance_fix(robot: Robot, *, guessed: bool) -> str:

@@ -21,7 +21,7 @@ from dynid.model.kinematics import link_frames
 from dynid.robot import Robot
 from dynid.sim.urdf import urdf_text
 from dynid.trajectory import tuning
-from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW, Job, Picture, work
+from dynid.trajectory.bullet import VIEW, Job, Picture, work
 from dynid.trajectory.child import answers, working
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import position_range
@@ -219,15 +219,9 @@ def _answered(
 
 
 def _camera(robot: Robot, q: Floats) -> tuple[Floats, float]:
-    """Return what the camera looks at and from how far, so that the arm fills the picture and never leaves it."""
+    """Return what the camera looks at and from how far, so that the arm never leaves the picture."""
     some = q[:: max(1, len(q) // tuning.CAMERA_POSES)]
     points = np.vstack([*link_frames(robot, some, world=True).p, [robot.base_xyz]])
-    yaw, pitch = np.radians([YAW, PITCH])
-    ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
-    right = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    axes = np.array([right, np.cross(right, ahead), ahead])
-    seen = points @ axes.T
-    middle = (seen.max(axis=0) + seen.min(axis=0)) / 2
-    opening = tuning.CAMERA_FILLED_SHARE * np.tan(np.radians(VIEW / 2))
-    away = np.abs(seen - middle)[:, :2] / [opening * WIDTH / HEIGHT, opening]
-    return middle @ axes, float(max((away - (seen - middle)[:, 2:]).max(), 0.3))
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2
+    reach = np.linalg.norm(points - middle, axis=1).max()
+    return middle, float(max(reach / np.sin(np.radians(VIEW / 2)), 0.3))

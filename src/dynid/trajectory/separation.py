@@ -1,15 +1,14 @@
-"""The motion for a gap search: it separates effects that earlier logs could not, or excites an unexplained residual.
+"""The motion for a gap search: it separates effects that earlier logs could not.
 
 Two effects are separated when no parameters of the arm and of the second one can imitate the torque of the first: the
-squares that are left of it, over the noise, are the lead in evidence that a log of the motion will give. Of what is
-unexplained nothing is known but its joint, so the motion shall determine many general columns of that joint well.
-Effects have no gradient by the motion, so the search climbs by trials; limits hold by construction as in any other.
+squares that are left of it, over the noise, are the lead in evidence that a log of the motion will give. Effects have
+no gradient by the motion, so the search climbs by trials; limits hold by construction as in any other.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from dynid.model.effects.motion import ArmMotion, Joints, Shape
 from dynid.motion import Motion
 from dynid.progress import advance
 from dynid.trajectory import tuning
-from dynid.trajectory.feasible import Shaping, bounds, coefficients, random_variables
+from dynid.trajectory.feasible import Shaping, coefficients, random_variables
 from dynid.trajectory.objective import PlanProblem
 from dynid.trajectory.optimise import End, SearchOutcome
 from dynid.trajectory.options import PlanOptions
@@ -56,40 +55,17 @@ class GapQuestion:
 
     Attributes:
         rivalries: pairs that were not separated.
-        unexplained: joints with more left than noise, 0-based.
         noise: rms of each joint's torque noise after the filter of the search, (n,) [N m or N].
         theta: base parameters that effects scale with, (p,).
     """
 
     rivalries: tuple[Rivalry, ...]
-    unexplained: tuple[int, ...]
     noise: Floats
     theta: Floats
 
 
-@dataclass(frozen=True)
-class Separation:
-    """What a log of a motion will tell.
-
-    Attributes:
-        leads: lead in evidence of the first of each pair over the second; 12 is beyond doubt.
-        spread: how well the general columns of unexplained joints are determined, as the logarithm of the mean signal
-            over noise; None where nothing is unexplained.
-    """
-
-    leads: tuple[float, ...]
-    spread: float | None
-
-    @property
-    def value(self) -> float:
-        """What the search makes large."""
-        parts = np.log1p(self.leads).tolist() + [self.spread] * (self.spread is not None)
-        # Why the least: a motion that answers one question well leaves the other open.
-        return float(min(parts) + 0.1 * sum(parts))
-
-
-def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> Separation:
-    """Return what a log of a motion will tell.
+def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> tuple[float, ...]:
+    """Return the lead in evidence of the first of each pair over the second that a log of a motion will give.
 
     Args:
         base: model and base parameters.
@@ -101,8 +77,7 @@ def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> Separa
     reference = model_torques(base.model, base.reduction, question.theta)
     arm = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, base.robot, reference, lambda x: x)
     Q = _basis(_weighted(base.observer.dense(motion.q, motion.qd, motion.qdd), weight))
-    leads = tuple(_lead(arm, pair, weight, Q) for pair in question.rivalries)
-    return Separation(leads, _spread(arm, question, weight, Q))
+    return tuple(_lead(arm, pair, weight, Q) for pair in question.rivalries)
 
 
 def _lead(arm: ArmMotion, pair: Rivalry, weight: Floats, Q: Floats) -> float:
@@ -132,64 +107,6 @@ def _rows(arm: ArmMotion, effect: Effect, joints: Joints, shape: Shape, weight: 
 def _weighted(columns: Floats, weight: Floats) -> Floats:
     """Return columns over the noise, (N, n, k), as rows, (N n, k)."""
     return (columns * weight[None, :, None]).reshape(-1, columns.shape[2])
-
-
-def _spread(arm: ArmMotion, question: GapQuestion, weight: Floats, Q: Floats) -> float | None:
-    """Return how well general columns of unexplained joints are determined when fitted jointly with the model."""
-    if not question.unexplained:
-        return None
-    values = []
-    for j in question.unexplained:
-        made = general_columns(arm, j)
-        columns = np.zeros((len(arm), arm.n, len(made)))
-        # Why: each column as large as the noise on usual motion, so that none counts for its unit.
-        size = usual_sizes(arm, j)
-        columns[:, j] = (made / np.where(size > 0, size, 1.0)[:, None] * question.noise[j]).T
-        C = _weighted(columns, weight)
-        C = C - Q @ (Q.T @ C)
-        values.append(float(np.mean(np.log1p(np.maximum(np.linalg.eigvalsh(C.T @ C), 0.0)))))
-    return min(values)
-
-
-def usual_sizes(arm: ArmMotion, joint: int) -> Floats:
-    """Return the rms of general columns over poses and speeds at random inside the limits, (K,)."""
-    limits = bounds(arm.robot)
-    rng = np.random.default_rng(0)
-    q = rng.uniform(
-        np.maximum(limits.lower, -np.pi),
-        np.minimum(limits.upper, np.pi),
-        (tuning.USUAL_STATES, arm.n),
-    )
-    qd, qdd = (
-        rng.uniform(-0.5, 0.5, q.shape) * most for most in (limits.velocity, limits.acceleration)
-    )
-    usual = replace(arm, t=np.arange(tuning.USUAL_STATES, dtype=float), q=q, qd=qd, qdd=qdd)
-    return np.asarray(np.sqrt(np.mean(general_columns(usual, joint) ** 2, axis=1)))
-
-
-def general_columns(arm: ArmMotion, joint: int) -> Floats:
-    """Return columns of what a joint's torque may follow, its own motion and its neighbours', (K, N)."""
-    near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < arm.n]
-    q, qd = arm.q[:, joint], arm.qd[:, joint]
-    columns = [
-        np.abs(qd),
-        qd**2,
-        qd * np.abs(qd),
-        arm.rigid[:, joint] * qd,
-        np.abs(arm.rigid[:, joint]) * np.sign(qd),
-    ]
-    for h in range(1, tuning.GENERAL_HARMONICS + 1):
-        for wave in (np.sin(h * q), np.cos(h * q)):
-            columns += [wave, wave * np.sign(qd), wave * qd]
-    for k in near[1:]:
-        columns += [
-            arm.qd[:, k],
-            qd * arm.qd[:, k],
-            np.abs(arm.qd[:, k]),
-            np.sin(arm.q[:, k]),
-            arm.rigid[:, k],
-        ]
-    return np.array(columns)
 
 
 def _basis(A: Floats) -> Floats:
@@ -228,7 +145,7 @@ def separate(
     def cost(x: Floats) -> float:
         motion = Motion(t, *shaping.motion(x))
         penalty = 0.0 if problem.capsules is None else problem.capsules.value(motion.q)[0]
-        return penalty - separation(base, question, motion.at_speed(search.alpha)).value
+        return penalty - _worth(separation(base, question, motion.at_speed(search.alpha)))
 
     def climb(rng: np.random.Generator) -> tuple[float, Floats]:
         """Return the best of so many trials, each near the best before it."""
@@ -265,6 +182,12 @@ def separate(
     return SearchOutcome(
         tuple(coefficients(problem.basis, problem.limits, x) for _, x in best), finished, ended
     )
+
+
+def _worth(leads: tuple[float, ...]) -> float:
+    """Return what the search makes large; the least counts, for one question answered well leaves the other open."""
+    parts = np.log1p(leads)
+    return float(parts.min() + 0.1 * parts.sum())
 
 
 def run_of(trajectory: Trajectory) -> Motion:

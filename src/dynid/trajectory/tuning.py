@@ -15,11 +15,6 @@ SLIDE_RANGE_M = (-0.1, 0.1)
 DEFAULT_VELOCITY, DEFAULT_ACCELERATION = 1.0, 3.0
 
 # ---------------------------------------------------------------- families of motions
-#: Knots of a motion from a file are fewer than this: searched motions have tens.
-#: evidence: memory of the basis, a square of this.
-MOST_KNOTS = 512
-#: A motion from a file is shorter at full speed [s]. evidence: none; it bounds what a file may ask for.
-LONGEST_MOTION_S = 1e6
 #: No two knots are nearer [s]. evidence: its fifth power divides, 1e-30.
 NEAREST_KNOTS_S = 1e-6
 #: Rounds of the rule that lengthens intervals between waypoints; each brings every interval to within a few percent,
@@ -76,8 +71,8 @@ SHAPES_WITHIN = 0.01
 MEASURED_RATE_HZ, MOST_MEASURED_POSES = 100.0, 3000
 #: A child that draws for so long, or a window that does not open for so long, hangs [s]. evidence: none yet.
 DRAWING_TIMEOUT_S, WINDOW_TIMEOUT_S = 600.0, 60.0
-#: Poses that the camera keeps in view, and the share of the picture that they fill at most. evidence: by eye.
-CAMERA_POSES, CAMERA_FILLED_SHARE = 200, 0.92
+#: Poses that the camera keeps in view. evidence: by eye.
+CAMERA_POSES = 200
 
 # ---------------------------------------------------------------- what a motion is searched by
 #: Samples at which contact is checked, for each one of the regressor, and which of them that is. evidence: none yet.
@@ -156,9 +151,5 @@ FIRST_STEP, STEP_GROWTH, STEP_DECAY, LEAST_STEP = 0.6, 1.5, 0.85, 0.05
 RIVAL_SHAPES = 12
 #: Independent rows a second that are left of a torque after the filter of the search. evidence: none yet.
 INDEPENDENT_ROWS_A_SECOND = 20.0
-#: Harmonics of the general columns. evidence: none yet.
-GENERAL_HARMONICS = 3
-#: Random states that tell how large a column usually is. evidence: none yet.
-USUAL_STATES = 300
 #: A rival's directions below this share of the largest are rounding noise. evidence: double precision.
 WEAK_DIRECTION_SHARE = 1e-9

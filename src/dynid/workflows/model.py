@@ -18,7 +18,6 @@ from dynid.model.base_model import (
     BaseModel,
     in_memory,
     key_of,
-    load_model,
     load_reduction,
     save_model,
     save_reduction,
@@ -136,18 +135,18 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
 
 
 def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False) -> DerivedModel:
-    """Return the regressor of an arm, the stored one where it fits, derived and stored otherwise.
+    """Return the regressor of an arm, stored where it is not yet.
 
     Args:
         robot: the arm.
         folder: where regressor.npz is kept.
-        rebuild: whether to derive it again in any case.
+        rebuild: whether to store it again in any case.
     """
     start, path = time.perf_counter(), RunFolder(folder).model[0]
     stage("symbolic")
     new = rebuild or stored_key(path) != key_of(robot)
-    model = build_model(robot) if new else load_model(path, robot)
-    seconds = {"symbolic" if new else "load": time.perf_counter() - start}
+    model = build_model(robot)
+    seconds = {"symbolic": time.perf_counter() - start}
     if new:
         save_model(path, model)
     return DerivedModel(model, folder, seconds, (path,) * new)

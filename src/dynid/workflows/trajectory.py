@@ -33,7 +33,6 @@ from dynid.files.trajectoryfile import (
     write_trajectory,
 )
 from dynid.gap.record import GapRecord, read_record
-from dynid.gap.tuning import LOUDER
 from dynid.judgement.rules import Step
 from dynid.loading import ResultLike, RobotLike, as_result, as_robot, load_run
 from dynid.model.base_model import BaseModel
@@ -55,7 +54,6 @@ from dynid.trajectory.planning import (
     PlanningContext,
     Proposal,
     first_accepted,
-    once_more,
     plan_problem,
     planning_context,
     proposals,
@@ -505,7 +503,7 @@ def plan_trajectory(
     def safe(motion: Trajectory) -> tuple[LimitCheck, Clearance]:
         given, shown = through is not None, _shown(drawing, context, motion)
         return (
-            once_more(lambda: require_safe(context, motion)),
+            require_safe(context, motion),
             require_clear_motion(context, motion, urdf, shown, given=given),
         )
 
@@ -523,13 +521,13 @@ def plan_trajectory(
         check=check,
         clearance=clearance,
         names=base.reduction.base_names,
-        **once_more(lambda: _predicted(context, chosen.trajectory)),
+        **_predicted(context, chosen.trajectory),
         noise=noise,
         noise_from=source,
         search=search,
         urdf=urdf,
         unexplained=_unexplained(results),
-        outlook=() if question is None else tuple(outlook(base, question, chosen.trajectory)),
+        outlook=tuple(outlook(base, question, chosen.trajectory)) if question else (),
     )
     if outcome is not None and question is None and not results:
         require_teaching(plan)
@@ -703,8 +701,8 @@ def plan_inputs(
 CLEAR, SAFETY = 12.0, 3.0
 
 
-def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestion:
-    """Return what a gap search left open.
+def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestion | None:
+    """Return what a gap search left open; None where nothing explains a residual, which any exciting motion shows.
 
     Args:
         record: the search.
@@ -718,9 +716,13 @@ def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestio
         what = f"the search was made for {record.robot}, whose joints differ from those of {base.robot.name}"
         raise WrongUsage(f"--for-gap: {what}", fix="give the robot file that was searched")
     rivalries = tuple(_rivalries(record))
-    above = sorted(one.joint for one in record.joints if one.chi > LOUDER)
-    unexplained = tuple(above) if record.verdict == "unexplained" else ()
-    if not rivalries and not unexplained:
+    if not rivalries and record.verdict == "unexplained":
+        stage(
+            "gap",
+            "no two explanations are left to separate: the motion is planned as without a gap search",
+        )
+        return None
+    if not rivalries:
         verdict = record.verdict.replace("_", " ")
         raise WrongUsage(
             "--for-gap: the search left no question that a motion could answer",
@@ -731,7 +733,7 @@ def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestio
         result = load_run(Path(record.made_from))
         if tuple(result.names) == base.reduction.base_names:
             theta = result.theta
-    return GapQuestion(rivalries, unexplained, np.asarray(record.improvement.floor), theta)
+    return GapQuestion(rivalries, np.asarray(record.improvement.floor), theta)
 
 
 def _rivalries(record: GapRecord) -> Iterator[Rivalry]:
@@ -753,11 +755,7 @@ def _rivalries(record: GapRecord) -> Iterator[Rivalry]:
 
 def outlook(base: BaseModel, question: GapQuestion, trajectory: Trajectory) -> Iterator[str]:
     """Yield what the next search will tell with a log of a motion, a sentence for each open question."""
-    after = separation(base, question, run_of(trajectory))
-    for pair, lead in zip(question.rivalries, after.leads, strict=True):
+    leads = separation(base, question, run_of(trajectory))
+    for pair, lead in zip(question.rivalries, leads, strict=True):
         sure = "will be separated" if lead > SAFETY * CLEAR else "may still fit equally well"
         yield f"{pair.text} {sure}: expected lead {lead:.2g}; {CLEAR:g} is clear"
-    if after.spread is not None:
-        where = ", ".join(base.robot.joint_names[j] for j in question.unexplained)
-        size = f"{100 * np.exp(-after.spread / 2):.2g} % of the noise"
-        yield f"the unexplained torque on {where} will be known to {size}"

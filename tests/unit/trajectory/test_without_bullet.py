@@ -1,4 +1,4 @@
-"""Without PyBullet a motion is measured on capsules and drawn; Ctrl-C in the judging phases keeps what was found."""
+"""Without PyBullet a motion is measured on capsules and drawn."""
 
 import numpy as np
 import pytest
@@ -17,10 +17,6 @@ QUICK = PlanOptions(optimise=False, duration=6.0, segments=4)
 
 def missing(*args, **options):
     raise PackageMissing("no PyBullet")
-
-
-def interrupted(*args, **options):
-    raise KeyboardInterrupt
 
 
 def test_the_arm_is_drawn_and_the_pairs_are_measured_on_capsules(lwr, monkeypatch, tmp_path):
@@ -48,17 +44,3 @@ def test_a_motion_that_teaches_too_little_is_refused_with_what_limits_it(lwr):
     plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr)
     with pytest.raises(PlanTeachesLittle, match="weakest is"):
         require_teaching(plan)
-
-
-def test_short_work_survives_one_ctrl_c_and_not_two():
-    calls = []
-
-    def work():
-        calls.append(None)
-        if len(calls) == 1:
-            raise KeyboardInterrupt
-        return 7
-
-    assert planning.once_more(work) == 7
-    with pytest.raises(KeyboardInterrupt):
-        planning.once_more(interrupted)

@@ -384,3 +384,9 @@ def test_a_search_that_left_nothing_open_or_was_of_another_arm_asks_for_no_motio
         planned(base, left_open(gap, verdict="named"))
     with pytest.raises(WrongUsage, match="joints differ"):
         planned(base, replace(left_open(gap, "end_stop"), joint_names=("x", "y")))
+
+
+def test_what_nothing_explains_is_looked_for_by_the_usual_motion(gap, base):
+    plan = planned(base, left_open(gap, verdict="unexplained"))
+    assert plan.outlook == ()
+    assert plan.search.ended == "all starts"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, reduce
 from typing import NoReturn
@@ -23,8 +23,6 @@ from dynid.errors import WrongRobotFile
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.motion import ArmMotion
 
-#: Longest text, and deepest nesting: a formula that people read is shorter.
-LONGEST, DEEPEST = 1000, 20
 FUNCTIONS: dict[str, Callable[[Floats], Floats]] = {
     name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign")
 }
@@ -76,8 +74,6 @@ def refuse(text: str, what: str) -> NoReturn:
 @lru_cache(maxsize=1024)
 def read(text: str) -> Node:
     """Return the node of a formula."""
-    if len(text) > LONGEST:
-        refuse(text, f"it is longer than {LONGEST} characters")
     try:
         return _node(ast.parse(_python(text), mode="eval").body, text)
     except (SyntaxError, RecursionError, MemoryError):
@@ -86,7 +82,7 @@ def read(text: str) -> Node:
 
 def _python(text: str) -> str:
     """Return a formula in Python's notation: products, powers and absolute values written out."""
-    words, place, ended, bars, depth = list[str](), 0, False, 0, 0
+    words, place, ended, bars = list[str](), 0, False, 0
     while place < len(text):
         token = _TOKEN.match(text, place)
         if token is None:
@@ -99,9 +95,6 @@ def _python(text: str) -> str:
         function = word == "(" and bool(words) and words[-1] in {*FUNCTIONS, "clip"}
         if ended and starts and not function:
             words.append("*")
-        depth += opens - (word == ")" or (word == "|" and not opens))
-        if depth > DEEPEST:
-            refuse(text, f"it is nested deeper than {DEEPEST}")
         words.append({"^": "**", "|": "abs(" if opens else ")"}.get(word, word))
         ended = not opens and word not in "+-*/^,"
     return " ".join(words)
@@ -184,43 +177,3 @@ def value_of(node: Node, motion: ArmMotion, own: int) -> Floats:
     if node.head in FUNCTIONS:
         return FUNCTIONS[node.head](parts[0])
     return np.asarray(reduce(np.add if node.head == "+" else np.multiply, parts))
-
-
-#: Exponents of N m (or N), rad (or m) and s.
-_OF = {"q": (0, 1, 0), "qd": (0, 1, -1), "qdd": (0, 1, -2), "tau": (1, 0, 0)}
-
-
-def dimension_of(node: Node, revolute: Sequence[bool], own: int) -> dict[str, float]:
-    """Return the exponents of the units of a node; sums have that of their first part."""
-    if node.head == "t":
-        return {"s": 1.0}
-    if node.head == "signal":
-        turns = revolute[node.joint - 1 if node.joint else own]
-        units = ("N m", "rad", "s") if turns else ("N", "m", "s")
-        return {
-            name: float(power) for name, power in zip(units, _OF[node.text], strict=True) if power
-        }
-    inner = [dimension_of(part, revolute, own) for part in node.parts]
-    if node.head == "*":
-        names = tuple(dict.fromkeys(name for part in inner for name in part))
-        return {name: sum(part.get(name, 0.0) for part in inner) for name in names}
-    if node.head == "^":
-        return {name: power * node.value for name, power in inner[0].items()}
-    return inner[0] if node.head in ("+", "abs", "clip") else {}
-
-
-def unit_of(torque: str, dimension: dict[str, float]) -> str:
-    """Return the unit of an amplitude whose factor has a dimension, such as N m s/rad."""
-    left = {torque: 1.0}
-    for name, power in dimension.items():
-        left[name] = left.get(name, 0.0) - power
-    over = [_power(name, power) for name, power in left.items() if power > 0]
-    under = [_power(name, -power) for name, power in left.items() if power < 0]
-    if not under:
-        return " ".join(over)
-    below = under[0] if len(under) == 1 else f"({' '.join(under)})"
-    return f"{' '.join(over) or '1'}/{below}"
-
-
-def _power(name: str, power: float) -> str:
-    return name if power == 1 else f"({name})^{power:g}" if " " in name else f"{name}^{power:g}"

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from dynid.arrays import Floats
-from dynid.model.effects.expression import Node, dimension_of, read, refuse, term_of, unit_of
+from dynid.model.effects.expression import Node, read, refuse, term_of
 from dynid.model.effects.interface import Effect
-from dynid.model.effects.motion import ArmMotion, Joints, Shape
+from dynid.model.effects.motion import Shape
 
 FORMULA = "formula"
 
@@ -48,18 +45,8 @@ class Formula(Effect):
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the amplitudes."""
         torque = "N m" if self.revolute[self.joint] else "N"
-        return {
-            name: unit_of(torque, dimension_of(node, self.revolute, self.joint))
-            for name, node in self.terms
-        }
+        return dict.fromkeys(dict(self.terms), f"{torque} per unit of its factor")
 
     def nodes(self, shape: Shape) -> list[Node]:
         """Return what each amplitude multiplies."""
         return [node for _, node in self.terms]
-
-    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
-        """Return its columns in its rows; what is not finite there is a mistake in the formula."""
-        values = super().columns(motion, joints, shape)
-        if not np.all(np.isfinite(values)):
-            refuse(self.text, "it is not finite along this motion")
-        return values
