@@ -16,7 +16,7 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 import itertools
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -55,8 +55,6 @@ FIGURE = {
     "Eq. 14 along the path": "cond",
 }
 LONG_COSTS = ("I-optimal", "D-optimal", "cond", "cond, normalised", "cond, rigid columns")
-#: Peak speeds and accelerations of FloBaRoID's recorded LWR4+ motion of 25 s, after a 5 Hz filter.
-RECORDED = ((0.49, 0.78, 0.85, 0.64, 0.77, 0.92, 0.64), (0.78, 2.75, 1.33, 0.97, 2.77, 1.39, 0.96))
 HEADER = (
     "motion | cond 62 | cond 43 | normalised 62 | error mN m | limits broken | length s | starts"
 )
@@ -288,20 +286,6 @@ def long(b, answers, arm, families):
         add(label, lambda: b.row(safe, count))
 
 
-def slower(b, answers, arm):
-    """How slow may the limits be and still beat what FloBaRoID stored, and the limits of what FloBaRoID recorded."""
-    cases = {}
-    for s in (0.9, 0.8, 0.7):
-        rates = s * b.limits.velocity, s**2 * b.limits.acceleration
-        label = f"speed limits x {s}, acceleration limits x {s**2:.2f}; cond"
-        cases[label] = FAMILIES["quintic, 6 waypoints"], rates
-    label = "limits = peaks of FloBaRoID's recorded motion, 25 s; cond"
-    cases[label] = Quintic.even(25.0, 10), tuple(np.array(part) for part in RECORDED)
-    for label, (basis, (speed, acceleration)) in cases.items():
-        less = replace(b, limits=replace(b.limits, velocity=speed, acceleration=acceleration))
-        cell(answers, arm, "slower", label, partial(search_motions, less, basis, "cond", SHORT))
-
-
 def table(answers):
     """Return the page."""
     made = f"Made by `python benchmarks/excitation.py`; {study.MACHINE}, NumPy {np.__version__}."
@@ -309,7 +293,6 @@ def table(answers):
     parts = {
         "grid": "every family and cost, {:.0f} s of processor time each",
         "long": "search, random search and the paper's recipe, {:.0f} s of processor time each",
-        "slower": "slower limits, {:.0f} s of processor time each",
     }
     for (arm, title), (part, words) in itertools.product(ARMS.items(), parts.items()):
         head, seconds = f"{arm}; {part}; ", LONG[arm] if part == "long" else SHORT
@@ -329,8 +312,6 @@ def main():
     for arm in ARMS:
         b = bench(arm)
         long(b, answers, arm, grid(b, answers, arm))
-        if arm == "kuka_lwr4plus":
-            slower(b, answers, arm)
     TABLE.write_text(table(answers))
 
 

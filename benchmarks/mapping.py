@@ -39,7 +39,7 @@ staubli_tx40  | tx40/exc.npz
 franka_panda  | panda_salerno/exc.npz
 """
 ROBOTS = sorted(path.stem for path in (study.ROOT / "robots").glob("*.yaml"))
-VERDICTS = ("first", "tied", "among three", "wrong", "silent", "out of range", "hidden", "absorbed")
+VERDICTS = ("first", "tied", "wrong", "silent", "out of range", "hidden")
 
 
 def recordings(seed):
@@ -117,20 +117,14 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
         return misfit - right.misfit(noise) < tuning.CLEAR
 
     if found is None or not found.wrong:
-        if judge.same(wrong, robot):
-            return "absorbed", ""
         if any(check_ranges(unwrapped(to_dh(raw, wrong), wrong), wrong)):
             return "out of range", ""
         return "hidden" if hidden(wrong) else "silent", ""
-    said = " and ".join(f"{edit.kind}{edit.value}" for edit in found.best[0].edits)
-    for place, hypothesis in enumerate((found.best[0], *found.tied, *found.best[1:3])):
-        # Why: base parameters take some edits in, so that several repair a file; the answer lists those it knows.
-        repaired = with_edits(wrong, hypothesis.edits)
-        rest = [with_edits(robot, [edit]) for edit in edits]
-        near = any(judge.same(repaired, each) and hidden(each) for each in rest)
-        if near or judge.same(repaired, robot):
-            words = "first", *["tied"] * len(found.tied), "among three", "among three"
-            return words[place], said
+    said = " and ".join(f"{edit.kind}{edit.value}" for edit in found.best.edits)
+    for place, hypothesis in enumerate((found.best, *found.tied)):
+        # Why: base parameters take some edits in, so that several repair a file.
+        if hidden(with_edits(wrong, hypothesis.edits)):
+            return "tied" if place else "first", said
     return "wrong", said
 
 
@@ -153,7 +147,7 @@ def main():
         answers.keep(title, found)
         print(title, f"{found['seconds']:.1f}", found["alarm"], file=sys.stderr, flush=True)
         for edits, word, answer in found["asked"]:
-            if word not in ("first", "absorbed"):
+            if word != "first":
                 print("   ", word, edits, "->", answer, file=sys.stderr, flush=True)
     print(INTRODUCTION)
     print(tables(answers))
@@ -176,24 +170,22 @@ def tables(answers):
     lines = []
     for kind, words in kinds.items():
         counts = [words.count(each) for each in VERDICTS]
-        visible, named = sum(counts[:5]), sum(counts[:2])
-        shares = [(counts[0], visible), (named, visible), (named + counts[5], sum(counts[:7]))]
+        visible, named = sum(counts[:4]), sum(counts[:2])
+        shares = [(counts[0], visible), (named, visible), (named + counts[4], len(words))]
         text = (f"{100 * some / most:.1f} %" if most else "-" for some, most in shares)
         lines.append([kind, len(words), *counts, *text])
-    head = f"mistake | cases | {heads} | first | first or tied | of all but absorbed"
+    head = f"mistake | cases | {heads} | first | first or tied | of all"
     return f"{first}\n\n{study.markdown(head, lines)}"
 
 
 INTRODUCTION = """# Which mistake does a robot file have?
 
 Mistakes put into right robot files, and what `dynid check` names first: `python benchmarks/mapping.py`.
-*Absorbed*: base parameters and friction take the mistake in whole, so that no motion can show it and no result suffers
-(tested on random motions); nothing is said. *Hidden*: on this log the wrong file explains the torques as well as the
-right one but for less than the alarm's threshold. *Out of range*: the torques hide it, but W332 says that the joint moves
-beyond its limits. *First*: the file with the first edit makes the same torques as the right one, or what still differs
-is hidden. *Tied*: it is named beside the first one as what this log shows as well. *First* and *first or tied* are shares
-of the mistakes that the torques of the log show; the last column is the share of all that are not absorbed for which
-something right is said. Simulated arms have random bodies, friction, ripple and noise in Pinocchio.
+*Hidden*: on this log the wrong file explains the torques as well as the right one but for less than the alarm's
+threshold; base parameters and friction take some mistakes in whole, so that no motion can show them. *Out of range*: the
+torques hide it, but W332 says that the joint moves beyond its limits. *First*: the file with the first edit explains the
+log as well as the right one. *Tied*: one that is named beside it does. *First* and *first or tied* are shares of the
+mistakes that the torques of the log show; the last column is the share of all for which something right is said. Simulated arms have random bodies, friction, ripple and noise in Pinocchio.
 """
 
 

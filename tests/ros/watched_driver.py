@@ -64,8 +64,8 @@ def wraps(kind, name):
     return put
 
 
-@wraps(DriverLoop, "reference_shares")
-def shares(method, loop):
+@wraps(DriverLoop, "facts")
+def facts(method, loop):
     return {**method(loop), **WATCH.facts(loop.robot)}
 
 

@@ -68,9 +68,7 @@ class Hypothesis:
 
     def alike(self, other: Hypothesis) -> bool:
         """Return whether both explain the log the same."""
-        return bool(
-            np.allclose(self.residual, other.residual, rtol=tuning.SAME_RESIDUAL, atol=1e-9)
-        )
+        return np.allclose(self.residual, other.residual, rtol=tuning.SAME_RESIDUAL, atol=1e-9)
 
 
 @dataclass(frozen=True)
@@ -79,16 +77,14 @@ class Diagnosis:
 
     Attributes:
         as_written: the robot file as it is.
-        best: the best hypotheses, the best first, each of another explanation.
-        same: hypotheses that make the same torques as the best one, whatever the arm does.
-        tied: further ones that explain this log as well as the best one.
+        best: the best hypothesis.
+        tied: further ones that explain this log as well: some make the same torques whatever the arm does.
         wrong: whether the best one is so much better that the file must be wrong.
         without_say: numbers of the joints that no file explains, which have no say.
     """
 
     as_written: Hypothesis
-    best: tuple[Hypothesis, ...]
-    same: tuple[Hypothesis, ...]
+    best: Hypothesis
     tied: tuple[Hypothesis, ...]
     wrong: bool
     without_say: tuple[int, ...] = ()
@@ -153,10 +149,6 @@ class _Search:
             self.least_error = np.minimum(self.least_error, error)
             self.found[edits] = hypothesis
         return self.found[edits]
-
-    def same(self, one: Hypothesis, other: Hypothesis) -> bool:
-        """Return whether two hypotheses make the same torques whatever the arm does."""
-        return self.judge.same(*(with_edits(self.judge.robot, each.edits) for each in (one, other)))
 
     def search_rank(self, hypothesis: Hypothesis) -> float:
         """Return what hypotheses are taken further by, lower is better: as ``rank``, but small errors count as well."""
@@ -236,21 +228,14 @@ def find_mistake(
         if search.ranked()[0] is before:
             break
     best, *others = search.ranked()
-    wrong, most = best is not as_written, search.rank(best) + tuning.TIED
-    near = [each for each in others if wrong and len(each.edits) <= len(best.edits)]
-    same = [each for each in near if each.alike(best) and search.same(each, best)]
-    others = [each for each in others if each not in same]
-    tied = [
-        each
-        for each in near
-        if each in others and each is not as_written and search.rank(each) < most
-    ]
+    most = search.rank(best) + tuning.TIED
+    near = (each for each in others if each.edits and len(each.edits) <= len(best.edits))
+    tied = tuple(each for each in near if each.alike(best) or search.rank(each) < most)
     return Diagnosis(
         as_written=as_written,
-        best=(best, *others[:4]),
-        same=tuple(same),
-        tied=tuple(tied[:2]),
-        wrong=wrong,
+        best=best,
+        tied=tied[: tuning.MOST_TIED],
+        wrong=best is not as_written,
         without_say=tuple(without_say.tolist()),
     )
 
@@ -338,42 +323,30 @@ def _explained(
     diagnosis = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
     if diagnosis is None:
         return ()
-    unexplained, best = _unexplained(diagnosis, robot), diagnosis.best[0]
+    unexplained, best = _unexplained(diagnosis, robot), diagnosis.best
     if not diagnosis.wrong or diagnosis.as_written.unexplained < least_gain * best.unexplained:
         return unexplained
     what = f"{_improvement(diagnosis.as_written, best, robot)} with {in_words(best.edits, robot)}"
-    for words, alike in (
-        ("the same torques result with", diagnosis.same),
-        ("this log fits as well with", diagnosis.tied),
-    ):
-        if alike:
-            what += f" ({words} {' or '.join(in_words(each.edits, robot) for each in alike)})"
+    if diagnosis.tied:
+        tied = " or ".join(in_words(each.edits, robot) for each in diagnosis.tied)
+        what += f" (this log fits as well with {tied})"
+    named = (best, *diagnosis.tied)
     if anyway:
-        several = {"hypotheses": diagnosis.best, "same": diagnosis.same, "tied": diagnosis.tied}
         evidence = {
-            key: [
+            "unexplained": diagnosis.as_written.unexplained,
+            "hypotheses": [
                 {
                     "edits": [in_words([edit], robot) for edit in each.edits],
                     "unexplained": each.unexplained,
                 }
-                for each in hypotheses
-            ]
-            for key, hypotheses in several.items()
+                for each in named
+            ],
         }
-        share = {"unexplained": diagnosis.as_written.unexplained}
-        return (Finding("W329", "warning", what, {**share, **evidence}), *unexplained)
-    next_best = [each for each in diagnosis.best[1:3] if each.edits and each not in diagnosis.tied]
-    others = [
-        f"{in_words(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in next_best
-    ]
-    edits = [
-        as_robot_file_lines(each.edits, robot, bool(names))
-        for each in (best, *diagnosis.same, *diagnosis.tied)
-    ]
+        return (Finding("W329", "warning", what, evidence), *unexplained)
+    edits = [as_robot_file_lines(each.edits, robot, bool(names)) for each in named]
     raise WrongMapping(
         what,
         why="with this robot file, no physically consistent parameters make these torques"
-        + (f"; next likely: {'; '.join(others)}" if others else "")
         + "".join(f"; {finding.text}" for finding in unexplained),
         fix=f"in {robot.editable}: {', or '.join(edits)}; or continue with --anyway",
     )

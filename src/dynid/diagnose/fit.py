@@ -32,8 +32,6 @@ RANK = 1e-9
 OWN, FRICTION = 4, (1, 2)
 #: Samples whose columns are formed together; more leave the cache.
 TOGETHER = 2000
-#: Random samples on which two robot files are compared, and singular values that count as zero, relative.
-RANDOM, SPAN = 60, 1e-9
 
 
 @dataclass(frozen=True)
@@ -199,31 +197,6 @@ class RobotFileFit:
             beyond(joint, float(low), float(high)) > signal_tuning.BEYOND_LIMITS
             for joint, low, high in zip(robot.joints, q.min(axis=0), q.max(axis=0), strict=True)
         )
-
-    def same(self, one: Robot, other: Robot) -> bool:
-        """Return whether two edited files can explain the same torques, whatever the arm does.
-
-        Why: base parameters and friction take some edits in whole; no log can tell such files apart.
-        """
-        rng = np.random.default_rng(0)
-        x = rng.uniform(-2.0, 2.0, (3, RANDOM, self.robot.n))
-        drawn = replace(self, x=x, tau=np.zeros_like(x[0]), separate=False)
-        bases = [np.linalg.svd(drawn._span(each), full_matrices=False)[:2] for each in (one, other)]
-        a, b = (u[:, s > SPAN * s[0]] for u, s in bases)
-        return a.shape == b.shape and bool(np.linalg.norm(a - b @ (b.T @ a)) < np.sqrt(SPAN))
-
-    def _span(self, robot: Robot) -> Floats:
-        """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
-        N, n = self.x.shape[1:]
-        columns, p = self._columns(robot, [self._dh(robot)[0]]), 10 * n
-        map_, rows, sign = robot.columns.map, list(range(n)), np.ones(n)
-        if self.mapped:
-            rows, sign = self._order(robot), np.multiply(map_.sign, map_.torque_signs)
-        stacked = np.zeros((n, N, p + OWN * n))
-        for j, row in enumerate(rows):
-            stacked[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
-            stacked[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
-        return stacked.reshape(n * N, -1)
 
     def _columns(self, robot: Robot, motions: Sequence[Floats]) -> Columns:
         """Return the columns of an edited file on motions in DH quantities, (3, N, n) each."""

@@ -15,7 +15,7 @@ from dynid.log import Log
 from dynid.model.regressor import expected_torque
 from dynid.robot import Robot
 from dynid.signals import tuning as signal_tuning
-from dynid.signals.motion import any_moves, per_joint, rest_slices
+from dynid.signals.motion import any_moves, per_joint
 
 
 def check_gravity(log: Log, robot: Robot) -> None:
@@ -26,23 +26,16 @@ def check_gravity(log: Log, robot: Robot) -> None:
     """
     if robot.torque.source == "gravity_free" or log.tau_unit == "A":
         return
-    poses = rest_slices(log, robot)
-    at_rest = len(poses) >= tuning.LEAST_POSES
-    if at_rest:
-        q, tau = (np.array([np.mean(x[part], axis=0) for part in poses]) for x in (log.q, log.tau))
-        besides: list[Floats] = []
-    elif any_moves(log, robot).any():
-        q, tau, besides = _in_motion(log, robot)
-    else:
+    if not any_moves(log, robot).any():
         return
+    q, tau, besides = _in_motion(log, robot)
     load = expected_torque(q, robot)
     change, known = np.ptp(load, axis=0), robot.prior is not None
     carries = (change > tuning.SIGNIFICANT_LOAD * change.max()) & (change > tuning.LEAST_LOAD_NM)
     if known:
         carries |= change > max(tuning.LIGHTER_JOINT * change.max(), tuning.LIGHTER_LOAD_NM)
-    alike = 1.0 if at_rest else tuning.SAMPLES_ALIKE
     compared = (
-        _share(load[:, j], tau[:, j], [part[:, j] for part in besides], alike)
+        _share(load[:, j], tau[:, j], [part[:, j] for part in besides])
         for j in np.flatnonzero(carries)
     )
     shares = list(filter(None, compared))
@@ -67,7 +60,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
             fix="`torque: {source: motor_current, relative: true}`, or the unit under `driver: {units: ...}`",
         )
     raise GravityRemoved(
-        f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed "
+        "torques do not follow the pose: gravity was already removed "
         f"({robot.joint_names[heaviest]} changes by {np.ptp(tau[:, heaviest]):.2g} Nm, "
         f"about {change[heaviest]:.0f} Nm expected)",
         where=log.topic,
@@ -99,9 +92,7 @@ def _without(values: Floats, besides: list[Floats]) -> Floats:
     return np.asarray(values - rest @ np.linalg.lstsq(rest, values, rcond=1e-9)[0])
 
 
-def _share(
-    load: Floats, tau: Floats, besides: list[Floats], alike: float
-) -> tuple[float, float] | None:
+def _share(load: Floats, tau: Floats, besides: list[Floats]) -> tuple[float, float] | None:
     """Return the measured change with the load over the expected one, and its standard error.
 
     None where the rest could explain the load as well.
@@ -110,12 +101,11 @@ def _share(
         load: expected torque, (N,).
         tau: measured torque, (N,).
         besides: what else makes torque, (N,) each.
-        alike: number of rows that follow each other and count as one.
     """
     own = _without(load, besides)
     if np.linalg.norm(own) < tuning.DISTINCT_LOAD * np.linalg.norm(load - load.mean()):
         return None
     share = float(own @ tau / (own @ own))
     left = _without(tau, besides) - share * own
-    free = max(1.0, len(load) / alike - 2 - len(besides))
+    free = max(1.0, len(load) / tuning.SAMPLES_ALIKE - 2 - len(besides))
     return abs(share), float(np.linalg.norm(left) / np.linalg.norm(own) / np.sqrt(free))

@@ -31,9 +31,6 @@ NOT_BRAKING = 1.25
 #: Sensors and models are wrong by this share of what the most loaded joint carries, at every joint. Evidence: none
 #: yet.
 MODEL_ERROR = 0.01
-#: Hypotheses whose residuals agree to this share may make the same torques: boxes around links differ a little.
-#: Evidence: none yet.
-SAME_RESIDUAL = 0.05
 #: A robot file of which less is explained (mean logarithm) may have two mistakes that hide each other. Evidence: none
 #: yet.
 WELL_EXPLAINED = -0.7
@@ -60,6 +57,10 @@ COLUMN_MOVED, REGULAR_ORDER = 0.3, 0.3
 OUT_OF_RANGE, MOST_OUTSIDE = 0.5, 2
 #: Hypotheses whose ranks differ by less explain a log equally well. Evidence: none yet.
 TIED = 0.02
+#: So do those whose residuals agree to this share: boxes around links differ a little. Evidence: none yet.
+SAME_RESIDUAL = 0.05
+#: So many of them are told. Evidence: none yet.
+MOST_TIED = 3
 
 #: Samples that robot files are fitted to. Evidence: none yet.
 SAMPLES = 250
@@ -79,9 +80,6 @@ MODELLED = 0.01
 #: Evidence: none yet.
 BOX_POINTS, BOX_MARGIN_M, BOX_MARGIN_SHARE = 4, 0.1, 0.25
 
-#: Poses at rest from which the change of torque with the pose is judged; with fewer the whole motion is used.
-#: Evidence: none yet.
-LEAST_POSES = 4
 #: A joint takes part when its expected torque changes by this share of the largest change. Evidence: none yet.
 SIGNIFICANT_LOAD = 0.3
 #: Expected changes below this [N m] drown in friction. Evidence: none yet.

@@ -107,14 +107,10 @@ class DriverLoop:
         """Simulated time [s]."""
         return self._steps * self.arm.dt
 
-    def reference_shares(self) -> dict[str, float]:
-        """Return what the arm's own reference used of its limits: along commands, and while braking after a stop."""
-        used = {
-            "reference_velocity_share": (self.follower.fastest, "velocity"),
-            "reference_acceleration_share": (self.follower.hardest, "acceleration"),
-            "stop_acceleration_share": (self.follower.hardest_stop, "acceleration"),
-        }
-        return {name: float(np.max(x / self.robot.limits(of))) for name, (x, of) in used.items()}
+    def facts(self) -> dict[str, float]:
+        """Return what was sent, for JSON."""
+        counts = {"published": self.published, "dropped": self.dropped}
+        return {**counts, "largest_delay_s": self.largest_delay}
 
     def zero_torques(self) -> None:
         """Make the sensors read zero where the arm stands."""

@@ -31,17 +31,12 @@ class Follower(ABC):
         goal: where the commands have led, (n,).
         speed: its velocity, (n,).
         stopped: whether commands are ignored.
-        longest: largest number of commands that waited.
-        fastest: largest speed of the reference, (n,).
-        hardest: largest acceleration of the reference while it followed commands, (n,).
-        hardest_stop: ... while it braked after a stop, (n,).
     """
 
     def __init__(self, q: Floats, dt: float) -> None:
-        self.dt, self.stopped, self.longest = dt, False, 0
+        self.dt, self.stopped = dt, False
         self.goal, self.speed = q.copy(), np.zeros_like(q)
-        self._q, self._qd, self._braking = q.copy(), np.zeros_like(q), 0
-        self.fastest, self.hardest, self.hardest_stop = (np.zeros_like(q) for _ in range(3))
+        self._q, self._qd = q.copy(), np.zeros_like(q)
 
     @abstractmethod
     def push(self, command: Any) -> None:  # noqa: ANN401
@@ -53,7 +48,6 @@ class Follower(ABC):
 
     def hold(self) -> None:
         """Forget all commands and stay here."""
-        self._braking = round(tuning.BRAKING_S / self.dt)
         self.speed = np.zeros_like(self.goal)
 
     def stop(self) -> None:
@@ -72,10 +66,6 @@ class Follower(ABC):
         omega = 2 * np.pi * tuning.SMOOTHING_FREQUENCY_HZ
         acceleration = omega**2 * (self.goal - self._q) + 2 * omega * (self.speed - self._qd)
         state = self._q, self._qd, acceleration
-        self.fastest = np.maximum(self.fastest, np.abs(self._qd))
-        kept = self.hardest_stop if self._braking else self.hardest
-        np.maximum(kept, np.abs(acceleration), out=kept)
-        self._braking = max(0, self._braking - 1)
         self._qd = self._qd + self.dt * acceleration
         self._q = self._q + self.dt * self._qd
         return state
@@ -99,7 +89,6 @@ class VelocityFollower(Follower):
         """Receive a velocity, (n,) [rad/s]; a stopped arm ignores it."""
         if not self.stopped:
             self._queue.append(command)
-            self.longest = max(self.longest, len(self._queue))
 
     def hold(self) -> None:
         """Erase the queue and stay here."""

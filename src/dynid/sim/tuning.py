@@ -21,8 +21,6 @@ COMMAND_PERIOD_S, QUEUE_LENGTH = 0.01, 2000
 VELOCITY_HELD_PERIODS = 5
 #: Smoothing of a controller's reference [Hz]. evidence: none yet.
 SMOOTHING_FREQUENCY_HZ = 5.0
-#: Time after a stop that is counted as braking [s]. evidence: none yet.
-BRAKING_S = 0.5
 #: FRI sends no velocity; the LWR4+ node differentiates and smooths with this share of the new value.
 #: evidence: CentroEPiaggio/kuka-lwr, lwr_hw.
 FRI_SMOOTHING = 0.2

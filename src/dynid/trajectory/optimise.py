@@ -98,14 +98,11 @@ def optimise(problem: PlanProblem, search: PlanOptions, limit: float) -> SearchO
 
 def describe(problem: PlanProblem, value: float) -> str:
     """Return a cost in words."""
-    cost = problem.cost
     if value > tuning.PENALISED_COST:
         return "none without collision yet"
-    if cost.kind == "condition":
-        return f"condition number {np.exp(value):.1f}"
-    if cost.kind == "i":
+    if problem.cost.kind == "i":
         return f"expected torque error {np.exp(value / 2) / np.sqrt(problem.model.robot.n):.2g}"
-    return f"cost {np.exp(value):.3g}" if cost.kind == "paper" else f"-log det / p {value:.3f}"
+    return f"cost {np.exp(value):.3g}"
 
 
 def _follow(

@@ -2,7 +2,7 @@
 
 Two effects are separated when no parameters of the arm and of the second one can imitate the torque of the first: the
 squares that are left of it, over the noise, are the lead in evidence that a log of the motion will give. Effects have
-no gradient by the motion, so the search climbs by trials; limits hold by construction as in any other.
+no gradient by the motion, so the best of many random motions is taken; limits hold by construction as in any other.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def separate(
         limit: time for the search [s].
 
     Raises:
-        KeyboardInterrupt: interrupted before a start was done.
+        KeyboardInterrupt: interrupted before a motion was tried.
     """
     t = problem.basis.duration * (np.arange(tuning.RUN_SAMPLES) + 0.5) / tuning.RUN_SAMPLES
     shaping = Shaping(problem.basis, problem.limits, t)
@@ -147,41 +147,25 @@ def separate(
         penalty = 0.0 if problem.capsules is None else problem.capsules.value(motion.q)[0]
         return penalty - _worth(separation(base, question, motion.at_speed(search.alpha)))
 
-    def climb(rng: np.random.Generator) -> tuple[float, Floats]:
-        """Return the best of so many trials, each near the best before it."""
-        best = random_variables(problem.basis, problem.limits, rng)
-        least, step = cost(best), tuning.FIRST_STEP
-        for _ in range(tuning.TRIALS_A_START - 1):
-            if time.monotonic() > end:
-                break
-            x = best + step * random_variables(problem.basis, problem.limits, rng)
-            value = cost(x)
-            if value < least:
-                best, least, step = x, value, min(step * tuning.STEP_GROWTH, 1.0)
-            else:
-                step = max(step * tuning.STEP_DECAY, tuning.LEAST_STEP)
-        return least, best
-
-    end = time.monotonic() + limit
-    climbs = []
+    end, tried = time.monotonic() + limit, list[tuple[float, Floats]]()
     ended: End = "all starts"
-    finished = 0
+    trials = tuning.TRIALS_A_START * search.restarts
     try:
-        while finished < search.restarts and ended == "all starts":
-            climbs.append(climb(np.random.default_rng((search.seed, finished))))
+        for trial in range(trials):
+            rng = np.random.default_rng((search.seed, trial))
+            x = random_variables(problem.basis, problem.limits, rng)
+            tried.append((cost(x), x))
             if time.monotonic() > end:
                 ended = "time"
-            else:
-                finished += 1
-                advance(finished, search.restarts, f"start {finished}")
+                break
+            advance(trial + 1, trials, f"motion {trial + 1}")
     except KeyboardInterrupt:
-        if not climbs:
+        if not tried:
             raise
         ended = "interrupt"
-    best = sorted(climbs, key=lambda one: one[0])
-    return SearchOutcome(
-        tuple(coefficients(problem.basis, problem.limits, x) for _, x in best), finished, ended
-    )
+    best = sorted(tried, key=lambda one: one[0])[: search.restarts]
+    candidates = (coefficients(problem.basis, problem.limits, x) for _, x in best)
+    return SearchOutcome(tuple(candidates), len(tried) // tuning.TRIALS_A_START, ended)
 
 
 def _worth(leads: tuple[float, ...]) -> float:

@@ -141,12 +141,9 @@ RECOMMENDED_ALPHAS = (0.2, 0.5, 1.0)
 ALPHA_TABLE_SAMPLES = 1000
 
 # ---------------------------------------------------------------- the motion that answers a gap search
-#: Samples along the run, 20 a second of the planned motion of usual length, and trials of each start.
+#: Samples along the run, 20 a second of the planned motion of usual length, and random motions for each start.
 #: evidence: none yet.
 RUN_SAMPLES, TRIALS_A_START = 1200, 60
-#: First step of a trial against the size of the free variables; it grows when a trial is better, shrinks when not, and
-#: is never less. evidence: none yet.
-FIRST_STEP, STEP_GROWTH, STEP_DECAY, LEAST_STEP = 0.6, 1.5, 0.85, 0.05
 #: Shapes of a rival that are tried: the best imitation counts. evidence: none yet.
 RIVAL_SHAPES = 12
 #: Independent rows a second that are left of a torque after the filter of the search. evidence: none yet.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.answer import Answer, picked
+from dynid.answer import Answer
 from dynid.arrays import Floats
 from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
@@ -52,16 +52,9 @@ def simulate_driver(
             loop.run(driver.publish, lambda: time.monotonic() < end)
     finally:
         node.close()
-    shares = loop.reference_shares()
-    parts = [("published", f"{loop.published} joint states, {loop.dropped} dropped")]
-    if stop := shares["stop_acceleration_share"]:
-        share = f"{100 * stop:.0f} % of the acceleration limits"
-        parts.append(("stops", f"braking took {share}; this driver brakes as it can"))
-    counts = picked(loop, "published", "dropped", largest_delay_s="largest_delay")
-    counts["longest_queue"] = follower.longest
-    return Answer(
-        {"schema": "dynid/sim-driver/1", "robot": robot.name, **shares, **counts}, parts=parts
-    )
+    facts = {"schema": "dynid/sim-driver/1", "robot": robot.name, **loop.facts()}
+    said = f"{loop.published} joint states, {loop.dropped} dropped"
+    return Answer(facts, parts=[("published", said)])
 
 
 def is_kinova(robot: Robot) -> bool:

@@ -47,10 +47,8 @@ def test_the_mistake_is_named_and_its_edit_repairs_the_file(mistake):
     found = looked_at(wrong)
     assert found is not None
     assert found.wrong
-    assert mistake.kind in {
-        edit.kind for each in (found.best[0], *found.same) for edit in each.edits
-    }
-    assert not looked_at(with_edits(wrong, found.best[0].edits)).wrong
+    assert mistake.kind in {edit.kind for each in (found.best, *found.tied) for edit in each.edits}
+    assert not looked_at(with_edits(wrong, found.best.edits)).wrong
 
 
 @pytest.mark.slow
@@ -59,14 +57,14 @@ def test_two_mistakes_are_named_together():
         lwr(), [Edit("sign", (3.0,)), Edit("order", (1.0, 0.0, 2.0, 3.0, 4.0, 5.0, 6.0))]
     )
     found = looked_at(wrong)
-    assert {edit.kind for edit in found.best[0].edits} == {"sign", "order"}
-    assert not looked_at(with_edits(wrong, found.best[0].edits)).wrong
+    assert {edit.kind for edit in found.best.edits} == {"sign", "order"}
+    assert not looked_at(with_edits(wrong, found.best.edits)).wrong
 
 
 def test_edits_that_make_the_same_torques_are_listed_as_such():
     """Joint 3 turned by 180 degrees reverses what joint 2 does to the links behind it, as a is 0 at both."""
     found = looked_at(edited(lwr(), Edit("sign", (1.0,))))
-    named = {in_words(each.edits, lwr()) for each in (found.best[0], *found.same)}
+    named = {in_words(each.edits, lwr()) for each in (found.best, *found.tied)}
     assert named == {"lwr_1_joint reversed", "lwr_2_joint offset by +180 deg"}
 
 
@@ -135,9 +133,5 @@ def test_edits_that_a_log_cannot_tell_apart_are_named_together():
     robot = load_robot("ur10")
     log = read_log(shared_data("ur10_salerno/exc.npz"), robot=robot)
     found = looked_at(edited(robot, Edit("position", (0.0,))), log)
-    kinds = {
-        each.edits[0].kind
-        for each in (found.best[0], *found.same, *found.tied)
-        if len(each.edits) == 1
-    }
+    kinds = {each.edits[0].kind for each in (found.best, *found.tied) if len(each.edits) == 1}
     assert {"position", "torque"} <= kinds

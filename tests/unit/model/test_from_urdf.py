@@ -237,6 +237,7 @@ def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(t
         (lambda t: t.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of joint joint_a1 is zero"),
         (lambda t: t.replace('mass value="4.5"', 'mass value="heavy"'), "not a number"),
         (lambda t: t.replace("</robot>", RING + "</robot>"), "link 'ring_[ab]' is its own parent"),
+        (lambda t: t.replace('"l7"', '"l77"'), "no link 'l7'; did you mean 'l77'"),
     ],
 )
 def test_a_urdf_that_is_no_arm_is_refused_with_the_reason(change, message, tmp_path):
@@ -244,7 +245,7 @@ def test_a_urdf_that_is_no_arm_is_refused_with_the_reason(change, message, tmp_p
     path = tmp_path / "arm.urdf"
     path.write_text(change(iiwa_urdf()))
     with pytest.raises(WrongUrdf, match=message):
-        imported(path, tip="l7" if "floating" in message else None)
+        imported(path, tip="l7" if "l7" in message or "floating" in message else None)
 
 
 def test_a_chain_of_hundreds_of_links_is_no_matter_of_recursion(tmp_path):
@@ -259,14 +260,6 @@ def test_a_chain_of_hundreds_of_links_is_no_matter_of_recursion(tmp_path):
     path.write_text(f"<robot name='long'>{links}{joints}</robot>")
     with pytest.raises(WrongUrdf, match="449 joints"):
         import_arm(read_urdf(path), read_urdf(path, exact=True))
-
-
-def test_an_unknown_link_is_answered_with_the_nearest(tmp_path):
-    """--tip with a typing error."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(iiwa_urdf())
-    with pytest.raises(WrongUrdf, match="no link 'l77'; did you mean 'l7'"):
-        imported(path, tip="l77")
 
 
 def test_an_inertia_of_no_body_becomes_the_nearest_that_one_has():

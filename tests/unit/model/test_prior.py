@@ -79,13 +79,6 @@ def test_the_tool_rides_on_the_last_link():
     assert_allclose(loaded[10:], plain[10:] + tool.parameters(), rtol=1e-12)
 
 
-def test_two_point_masses_join_to_a_dumbbell():
-    """Reduced mass times distance squared about the common centre."""
-    both = joined(Body(1.0, (0.0, 0.0, 0.0)), Body(3.0, (0.4, 0.0, 0.0)))
-    assert both.com == pytest.approx((0.3, 0.0, 0.0))
-    assert both.inertia_com == pytest.approx((0.0, 0.0, 0.0, 0.12, 0.0, 0.12))
-
-
 def test_bodies_without_mass_join_to_none():
     """No division by a mass that is not there."""
     assert joined(Body(0.0), Body(0.0)).mass == 0.0

@@ -129,21 +129,6 @@ def test_table_follows_the_chain_of_the_makers_description(name):
     assert_allclose(fixed[:3, 3], last, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "pose"),
-    [
-        ("ur3e", (-0.45675, -0.22315, 0.0665)),
-        ("ur5e", (-0.8172, -0.2329, 0.0628)),
-        ("ur10e", (-1.18425, -0.2907, 0.06085)),
-        ("kuka_iiwa7", (0, 0, 1.266)),
-        ("kuka_iiwa14", (0, 0, 1.306)),
-    ],
-)
-def test_flange_at_zero_is_where_the_makers_drawing_has_it(name, pose):
-    robot = load_robot(name)
-    assert_allclose(tool_pose(robot, np.zeros(robot.n))[:3, 3], pose, atol=1e-9)
-
-
 #: Public URDFs: where the file is, the arm, its last link, and where that lies in the last frame of the table.
 URDFS = [
     (partial(_bullet, "kuka_iiwa/model.urdf"), "kuka_iiwa14", "lbr_iiwa_link_7", (0, 0, 0.045)),
@@ -154,7 +139,6 @@ URDFS = [
         "panda_link7",
         (0, 0, 0),
     ),
-    (partial(_bullet, "franka_panda/panda.urdf"), "franka_panda", "panda_link7", (0, 0, 0)),
     (partial(_public, "ur_description/urdf/ur10_robot.urdf"), "ur10", "tool0", (0, 0, 0)),
 ]
 

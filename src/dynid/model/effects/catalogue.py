@@ -139,10 +139,6 @@ def _formula(spec: EffectSpec, robot: Robot) -> Effect:
         _refuse(robot, "formula acts on no joint", "joints: [NAME]")
     turning = [one.revolute for one in robot.joints]
     made = Formula(spec.formula, turning, robot.joint_names.index(spec.joints[0]))
-    joints = [name for one in robot.effects if one.effect == spec.effect for name in one.joints]
-    twice = [name for name in spec.joints if joints.count(name) > 1]
-    if twice:
-        _refuse(robot, f"two formulas on {twice[0]}", "join them by +")
     names = made.amplitudes({})
     unknown = [name for name in spec.parameters if name not in names]
     if unknown:
