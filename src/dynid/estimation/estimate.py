@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
-from typing import Any, TypeAlias
+from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -216,26 +216,10 @@ def estimate(
             *physics_findings(plain, stack, post.alone, knowledge, used.error, physical),
             *apart_findings(stack.joints, used.error),
         ),
-        header=_header(stack),
         motions=tuple(log_motion(log)[: tuning.MOTION_SAMPLES] for log in stack.logs),
         rigid=base.model.rigid,
         stack=stack,
     )
-
-
-def _header(stack: Stack) -> dict[str, Any]:
-    """Return where a result comes from, for its file."""
-    header: dict[str, Any] = {
-        "robot": stack.base.robot.name,
-        "key": stack.base.robot.model_key,
-        "log_sha256": [log.sha256 for log in stack.logs],
-        "logs": [log.path or log.name for log in stack.logs],
-        "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],
-    }
-    if stack.logs:
-        first = stack.logs[0]
-        header |= {"cutoff_hz": first.filter.cutoff, "delay_applied_s": first.delay}
-    return header
 
 
 def _errors(stack: Stack, theta: Floats, error: ModelError | None) -> tuple[Floats, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import Finding, PoorlyExcited, RankDeficient
 from dynid.estimation import tuning
-from dynid.estimation.covariance import NOT_DETERMINED
+from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import fitted
 from dynid.estimation.least_squares import Fit, joint_rms
 from dynid.estimation.residual_model import ModelError
@@ -18,31 +18,18 @@ from dynid.model.base_model import BaseModel
 from dynid.model.regressor import indefinite_share, random_poses
 
 
-def weakly_excited(stack: Stack, prior: Floats) -> list[Finding]:
-    """Name the base parameters that this log leaves uncertain.
-
-    Args:
-        stack: the stacked logs.
-        prior: prior base parameters, NaN where nothing is known, (p,).
-
-    Returns:
-        Finding W402, which names the worst.
-    """
+def weakly_excited(stack: Stack) -> list[Finding]:
+    """Return finding W402, which names the base parameters that the logs do not determine, the worst first."""
     fit = fitted(stack, "wls")
     error = np.where(fit.open, np.inf, np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))
-    size = np.maximum(np.abs(fit.theta), np.abs(np.nan_to_num(prior)))
-    relative = error / np.maximum(size, np.finfo(float).tiny)
-    uncertain = (relative > tuning.ROUGH_ERROR) & ~(error * fit.effect <= tuning.HARMLESS_TORQUE)
-    weak = [k for k in np.argsort(-relative).tolist() if uncertain[k]]
+    words = judge(fit.theta, error, fit.effect)
+    worst = np.argsort(-error / np.maximum(np.abs(fit.theta), np.finfo(float).tiny))
+    weak = [stack.names[k] for k in worst if words[k] == NOT_DETERMINED]
     if not weak:
         return []
-    worst = []
-    for k in weak[: tuning.FINDINGS_WORDED]:
-        much = f"{100 * relative[k]:.0f} % error" if np.isfinite(relative[k]) else "no trace"
-        worst.append(f"{stack.names[k]} ({much})")
-    more = len(weak) - len(worst)
-    text = "poorly excited: " + ", ".join(worst) + f" and {more} more" * (more > 0)
-    return [Finding("W402", "warning", text, {"parameters": [stack.names[k] for k in weak]})]
+    more = len(weak) - tuning.FINDINGS_WORDED
+    named = ", ".join(weak[: tuning.FINDINGS_WORDED]) + f" and {more} more" * (more > 0)
+    return [Finding("W402", "warning", f"poorly excited: {named}", {"parameters": weak})]
 
 
 def excitation_findings(

@@ -186,16 +186,11 @@ class PhysicalParameters:
 # ---------------------------------------------------------------- of a robot
 def constraints_of(base: BaseModel) -> PhysicalConstraints:
     """Return the robot's prior and what is known about it, for all parameters of the model."""
-    known, identified = base.robot.known, base.robot.identified_links
     constraints = make_constraints(
         base.model.parameters,
         prior_vector(base.model),
-        total_mass=known.total_mass,
-        link_mass={link: bounds for link, bounds in known.link_mass if link in identified},
-        com_box={
-            link: (np.array(a), np.array(b)) for link, (a, b) in known.com_box if link in identified
-        },
-        ratings=friction_ratings(base.robot),
+        base.robot.known,
+        friction_ratings(base.robot),
     )
     # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
     if not (base.robot.prior and base.robot.prior.links):
@@ -384,10 +379,9 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
         y = minimise(replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y)
         if np.all(constraints.slack(y[:-1]) > 0.0):
             return np.asarray(y[:-1])
-    broken = constraints.labels[int(np.argmin(constraints.slack(y[:-1]) / size))]
     raise NotPhysical(
-        f"the known facts about the arm contradict each other: {broken} cannot hold with the others",
-        fix="widen or drop one of the bounds",
+        "the known facts about the arm contradict each other: no masses and centres of mass keep all of them",
+        fix="widen or drop a bound of the total mass, of a link's mass or of a centre of mass",
     )
 
 

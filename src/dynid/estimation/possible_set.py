@@ -14,12 +14,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from types import MappingProxyType
 
 import numpy as np
 
 from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
 from dynid.model.parameters import Parameter, body_columns, columns_of, inertia_of
+from dynid.robot import Known
 
 # ---------------------------------------------------------------- the set
 #: Parameters that no real drive has with a minus sign: rotor inertia, viscous and Coulomb friction.
@@ -77,7 +79,6 @@ class PhysicalConstraints:
         prior: what is known before measuring, (c,); zero where nothing is.
         G: rows of the bounds G x >= h, (k, c).
         h: right side of the bounds, (k,).
-        labels: one sentence for each bound, (k).
         pools: columns of the positive parameters of one kind that have no prior, as many arrays as kinds.
         ratings: what the joints' parameters of one kind are thought to be in proportion to, (c,).
         spread: standard deviation of parameters whose prior is zero, (c,); infinite elsewhere.
@@ -88,7 +89,6 @@ class PhysicalConstraints:
     prior: Floats
     G: Floats
     h: Floats
-    labels: tuple[str, ...]
     pools: tuple[Ints, ...]
     ratings: Floats
     spread: Floats
@@ -111,64 +111,45 @@ class PhysicalConstraints:
 def make_constraints(
     parameters: Sequence[Parameter],
     prior: Floats,
-    *,
-    total_mass: tuple[float, float] | None = None,
-    link_mass: Mapping[int, tuple[float, float]] | None = None,
-    com_box: Mapping[int, tuple[Floats, Floats]] | None = None,
-    nonnegative: Sequence[str] = NONNEGATIVE,
-    ratings: Mapping[str, float] | None = None,
+    known: Known = Known(),  # noqa: B008 - frozen
+    ratings: Mapping[str, float] = MappingProxyType({}),
 ) -> PhysicalConstraints:
     """Collect what is known about the arm besides the measurement.
 
     Args:
         parameters: what each column stands for, (c).
         prior: prior parameters, (c,), each in its unit; the bodies in it must be consistent.
-        total_mass: smallest and largest mass of all links in ``parameters`` [kg].
-        link_mass: the same for single links, by link number.
-        com_box: corners of the box that holds the centre of mass, in the link frame, by link number [m].
-        nonnegative: kinds of the parameters that cannot be negative.
+        known: bounds of masses and centres of mass; those of links without parameters are left out.
         ratings: by parameter, what those of one kind are thought to be in proportion to; equal where nothing is said.
-
-    Returns:
-        Bounds and prior together.
     """
-    rows = [
-        ({k: 1.0}, 0.0, f"{p.name} >= 0") for k, p in enumerate(parameters) if p.kind in nonnegative
-    ]
-
-    def between(terms: dict[int, float], bounds: tuple[float, float], what: str) -> None:
-        for sign, bound, word in zip((1.0, -1.0), bounds, (">=", "<="), strict=True):
-            side = {k: sign * value for k, value in terms.items()}
-            rows.append((side, sign * bound, f"{what} {word} {bound:g}"))
-
     bodies = body_columns(parameters)
     masses = {link: int(columns[0]) for link, columns in bodies.items()}
-    if total_mass is not None:
-        between(dict.fromkeys(masses.values(), 1.0), total_mass, "total mass [kg]")
-    for link, bounds in (link_mass or {}).items():
-        between({masses[link]: 1.0}, bounds, f"m{link} [kg]")
-    for link, box in (com_box or {}).items():
-        for axis, ends in enumerate(zip(*box, strict=True)):
-            for sign, end, word in zip((1.0, -1.0), ends, (">=", "<="), strict=True):
-                side = {int(bodies[link][1 + axis]): sign, masses[link]: -sign * float(end)}
-                rows.append((side, 0.0, f"c{'xyz'[axis]}{link} {word} {end:g} m"))
-    G, h = np.zeros((len(rows), len(parameters))), np.array([row[1] for row in rows])
-    for k, (terms, _, _) in enumerate(rows):
+    sums = [([masses[link]], bounds) for link, bounds in known.link_mass if link in masses]
+    if known.total_mass is not None:
+        sums.append(([*masses.values()], known.total_mass))
+    # Each row says that a sum of parameters with factors is at least so large.
+    rows = [({k: 1.0}, 0.0) for k, p in enumerate(parameters) if p.kind in NONNEGATIVE]
+    for columns, (low, high) in sums:
+        rows += [(dict.fromkeys(columns, 1.0), low), (dict.fromkeys(columns, -1.0), -high)]
+    boxes = [(bodies[link], corners) for link, corners in known.com_box if link in bodies]
+    for (mass, *moments), corners in ((columns[:4].tolist(), ends) for columns, ends in boxes):
+        for moment, low, high in zip(moments, *corners, strict=True):
+            rows += [({moment: 1.0, mass: -low}, 0.0), ({moment: -1.0, mass: high}, 0.0)]
+    G, h = np.zeros((len(rows), len(parameters))), np.array([least for _, least in rows])
+    for k, (terms, _) in enumerate(rows):
         G[k, list(terms)] = list(terms.values())
     prior = np.asarray(prior, dtype=float)
-    kinds = (columns_of(parameters, kind) for kind in nonnegative)
+    kinds = (columns_of(parameters, kind) for kind in NONNEGATIVE)
     # Why of fc: an offset is the part of the friction that does not change its sign.
     rated = [f"fc{p.number}" if p.kind == "fo" else p.name for p in parameters]
-    proportion = np.array([(ratings or {}).get(name, 1.0) for name in rated])
     return PhysicalConstraints(
         parameters=tuple(parameters),
         bodies=np.array(list(bodies.values()), dtype=np.intp).reshape(-1, 10),
         prior=prior,
         G=G,
         h=h,
-        labels=tuple(row[2] for row in rows),
         pools=tuple(columns[prior[columns] <= 0.0] for columns in kinds),
-        ratings=proportion,
+        ratings=np.array([ratings.get(name, 1.0) for name in rated]),
         spread=np.full(len(parameters), np.inf),
     )
 
@@ -264,7 +245,7 @@ def minimise(
 
 
 def solve_scaled(H: Floats, b: Floats) -> Floats:
-    """Solve H x = b for a positive definite H whose diagonal spans many orders; b is (d,) or (d, k).
+    """Solve H x = b, (d,), for a positive definite H whose diagonal spans many orders.
 
     Directions that H does not see at all, such as the difference of an effect that is given twice, stay where they are.
     """
@@ -272,8 +253,7 @@ def solve_scaled(H: Floats, b: Floats) -> Floats:
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = scale[:, None] * H * scale
     scaled[np.diag_indices_from(scaled)] = 1.0
-    columns = scale if b.ndim == 1 else scale[:, None]
     try:
-        return np.asarray(columns * np.linalg.solve(scaled, columns * b))
+        return np.asarray(scale * np.linalg.solve(scaled, scale * b))
     except np.linalg.LinAlgError:
-        return np.asarray(columns * np.linalg.lstsq(scaled, columns * b, rcond=None)[0])
+        return np.asarray(scale * np.linalg.lstsq(scaled, scale * b, rcond=None)[0])

@@ -257,11 +257,9 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
     done = f"corrected by {1e3 * applied:.1f} ms" if applied else "left as it is"
     stage("delay", f"{size}; {done}")
     late: tuple[Finding, ...] = ()
-    if abs(delay) >= tuning.DELAY_NOTABLE_S and is_clear(delay, std_error, reach):
+    if applied:
         size = f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms"
-        side = "later" if delay > 0 else "earlier"
-        done = "corrected" if applied else "not corrected: --delay auto"
-        text = f"torques are stamped {size} {side} than positions; {done}"
+        text = f"torques are stamped {size} {'later' if delay > 0 else 'earlier'} than positions; corrected"
         facts = {"delay_s": delay, "std_error_s": std_error}
         late = (Finding("W321", "warning", text, facts),)
     notice(late)

@@ -31,8 +31,6 @@ DELAY_LEAST_S = 2e-3
 #: The delay is estimated anew after it was corrected until it changes by less than this [s], at most so many times.
 #: evidence: none yet.
 DELAY_SETTLED_S, DELAY_ROUNDS = 2e-4, 3
-#: A delay beyond this gets a line of its own [s]. evidence: none yet.
-DELAY_NOTABLE_S = 3e-3
 
 # ---------------------------------------------------------------- least squares
 #: Rows factored at once: larger blocks leave the cache. evidence: none yet.

@@ -392,7 +392,7 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
 
     Args:
         logs: conditioned logs.
-        seconds: how long they may be together; a log of them keeps its share in ``tuning.KEPT_STRETCHES`` parts.
+        seconds: how long they may be together; each segment keeps its share in ``tuning.KEPT_STRETCHES`` parts.
 
     Returns:
         The logs, and in how many parts they are; 0 where they are whole.
@@ -405,20 +405,16 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
     share = max(seconds / max(long, 1e-9), tuning.KEPT_SAMPLES / max(sum(rows), 1))
     if share >= 1.0:
         return list(logs), 0
-    found, parts = [], 0
-    for log, total in zip(logs, rows, strict=True):
-        length, kept = round(total * share / tuning.KEPT_STRETCHES), []
-        for start in np.linspace(0, total - length, tuning.KEPT_STRETCHES).astype(int).tolist():
-            first = 0
-            for segment in log.segments:
-                part = slice(max(0, start - first), max(0, start + length - first))
-                first += len(segment)
-                if part.stop > 0 and part.start < len(segment):
-                    # Why a copy: what is left shall not keep the whole log in memory.
-                    kept.append(deepcopy(segment[part]))
+    found = []
+    for log in logs:
+        kept = []
+        for segment in log.segments:
+            length = round(len(segment) * share / tuning.KEPT_STRETCHES)
+            starts = np.linspace(0, len(segment) - length, tuning.KEPT_STRETCHES).astype(int)
+            # Why a copy: what is left shall not keep the whole log in memory.
+            kept += [deepcopy(segment[start : start + length]) for start in starts.tolist()]
         found.append(replace(log, segments=kept))
-        parts += len(kept)
-    return found, parts
+    return found, sum(len(log.segments) for log in found)
 
 
 def torques_moved_back(log: ConditionedLog, model: Model, delay: float) -> ConditionedLog:

@@ -141,10 +141,8 @@ def _samples_between(step: Floats) -> NDArray[Any] | None:
     number = np.arange(len(step))
     slope, start = np.polyfit(number, away, 1)
     left = away - (start + slope * number)
-    short, longer = divmod(len(left), max(4, len(step) // 25))
-    ends = longer * (short + 1)
-    blocks = left[:ends].reshape(longer, short + 1), left[ends:].reshape(-1, short)
-    medians = np.concatenate([np.median(each, axis=1) for each in blocks])
+    length = min(25, len(left) // 4)
+    medians = np.median(left[: len(left) // length * length].reshape(-1, length), axis=1)
     if float(np.ptp(medians)) < tuning.UNCLEAR_STEP:
         return np.ones(len(step), dtype=np.int8)  # none is lost, however late single ones are
     count = np.round(step / usual)

@@ -173,7 +173,7 @@ EVEN_STEP = 1e-3
 #: Evidence: none yet.
 RATE_STEPS = 20
 
-#: Parts that are kept of each interval of a long log: long ones, so that a motion that repeats in it is still found.
+#: Parts that are kept of each segment of a long log: long ones, so that a motion that repeats in it is still found.
 #: Evidence: none yet.
 KEPT_STRETCHES = 4
 #: Samples of all logs together that are kept however long they take. Evidence: none yet.

@@ -85,8 +85,7 @@ class Observations(Answered):
 
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
-        prior = prior_base_parameters(self.base.model, self.base.reduction)
-        return list(weakly_excited(self.stack, prior))
+        return weakly_excited(self.stack)
 
     def header(self) -> dict[str, Any]:
         """Return what the headers of results made from these observations say."""

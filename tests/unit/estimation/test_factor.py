@@ -89,12 +89,6 @@ def test_rows_that_do_not_count_leave_no_trace(rows):
     assert robust_noise(rows, THETA) == pytest.approx([0.0, 1.4826], abs=1e-6)
 
 
-@pytest.mark.parametrize("theta", [THETA, np.array([THETA, -THETA])])
-def test_torques_are_those_of_the_parameters_of_all_or_of_each_joint(rows, theta):
-    expected = np.einsum("mjp,jp->mj", rows.W, np.broadcast_to(theta, (2, 3)))
-    assert rows.torque(theta) == pytest.approx(expected)
-
-
 def test_rows_taken_apart_and_joined_are_the_same_with_a_gap(rows):
     first = np.arange(120) < 50
     both = joined([rows.take(first), rows.take(~first)])

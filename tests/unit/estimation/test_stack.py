@@ -12,7 +12,7 @@ from dynid.errors import RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import estimate_delay, is_clear, on_time, stack_logs
+from dynid.estimation.stack import on_time, stack_logs
 from dynid.model.base_model import prior_base_parameters
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
@@ -20,7 +20,6 @@ from dynid.signals.conditioned_log import (
     ConditionedLog,
     condition,
     condition_log,
-    torques_moved_back,
     without_known,
 )
 from dynid.signals.filters import choose_filter
@@ -79,16 +78,6 @@ def test_noise_free_motion_gives_the_true_base_parameters(base):
 def renoised(log, seed):
     rng = np.random.default_rng(seed)
     return replace(log, tau=log.tau + 0.5 * rng.normal(size=log.tau.shape))
-
-
-def test_errors_of_four_logs_are_half_those_of_one(base):
-    """Four recordings of one motion: 1/sqrt(4), to the tenth that the noise's own estimate is uncertain."""
-    clean = simulated(base, seconds=20)
-    logs = [renoised(clean, seed) for seed in range(4)]
-    singles = [estimate(stacked(base, log), method="wls", holdout=None).std_error for log in logs]
-    together = estimate(stacked(base, *logs), method="wls", holdout=None).std_error
-    ratio = together / np.sqrt(np.mean(np.square(singles), axis=0))
-    assert np.median(ratio) == pytest.approx(0.5, rel=0.1)
 
 
 @pytest.mark.slow
@@ -211,27 +200,15 @@ def late(base, delay):
 
 
 @pytest.mark.parametrize("delay", [0.020, 0.006, -0.010])
-def test_a_delay_that_was_put_in_is_found_and_removed(base, delay):
-    log = late(base, delay)
-    found, std_error = estimate_delay(stacked(base, log))
-    assert is_clear(found, std_error, reach=0.05)
-    assert found == pytest.approx(delay, abs=max(4 * std_error, 0.06 * abs(delay)))
-    logs = [torques_moved_back(each, base.model, found) for each in stacked(base, log).logs]
-    left, _ = estimate_delay(stack_logs(logs, base))
-    assert abs(left) < 1e-3
-
-
-def test_logs_whose_torques_are_late_are_stacked_on_time_without_reading_them_again(base):
-    log, prompt = late(base, 0.012), late(base, 0.0)
-    rows, (found, _), findings = on_time(stacked(base, log))
-    applied = rows.logs[0].delay
-    assert applied == pytest.approx(0.012, abs=1e-3)
+def test_torques_that_are_late_are_moved_back(base, delay):
+    stack, (found, std_error), findings = on_time(stacked(base, late(base, delay)))
+    applied = stack.logs[0].delay
+    assert applied == pytest.approx(delay, abs=max(4 * std_error, 0.06 * abs(delay)))
     assert found == pytest.approx(applied, abs=1e-3)
     assert [finding.code for finding in findings] == ["W321"]
-    clean = stacked(base, prompt)
     left, best = (
         relative_error(each.factors, weighted(each.factors, each.counts).theta)
-        for each in (rows, clean)
+        for each in (stack, stacked(base, late(base, 0.0)))
     )
     assert left < 1.2 * best
 
@@ -243,7 +220,8 @@ def test_a_delay_that_is_given_is_not_estimated(base):
 
 
 def test_torques_on_time_are_not_moved(base):
-    assert not is_clear(*estimate_delay(stacked(base, late(base, 0.0))), reach=0.05)
+    stack, _, findings = on_time(stacked(base, late(base, 0.0)))
+    assert (stack.logs[0].delay, findings) == (0.0, ())
 
 
 def test_the_torque_of_a_later_time_is_taken_and_the_end_does_not_count(base):

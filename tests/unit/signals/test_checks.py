@@ -157,7 +157,6 @@ def test_degrees_of_joints_without_position_limits_are_seen_at_the_speed():
 # ---------------------------------------------------------------- said
 TWICE = np.sort(np.r_[0:4000, 100, 200, 300])
 GAPS = np.delete(np.arange(4000), np.r_[500:510, 1500:1530])
-HELD = of("q", lambda q: q[np.arange(len(q)) // 2 * 2])
 
 
 @pytest.mark.parametrize(
@@ -170,7 +169,6 @@ HELD = of("q", lambda q: q[np.arange(len(q)) // 2 * 2])
             "W312",
             r"lwr4plus_validate\.bag: 2 gaps, longest 15\d ms at 7\.50 s",
         ),
-        (lwr, HELD, "W325", ".*100 Hz"),
         (generic, of("qd", lambda qd: 0.65 * qd), "W308", ".*0.65 x the change of position"),
     ],
 )
@@ -178,10 +176,6 @@ def test_what_is_odd_is_said(robot, change, code, text):
     found = checked(robot(), change).findings
     assert [finding.code for finding in found] == [code] * (7 if code == "W308" else 1)
     assert re.match(text, found[0].text)
-
-
-def test_samples_with_the_stamp_of_their_predecessor_are_dropped():
-    assert len(checked(lwr(), samples(TWICE))) == 4000
 
 
 def test_a_jump_by_a_full_turn_is_taken_out():
@@ -300,14 +294,9 @@ def test_a_velocity_that_was_never_measured_or_is_not_used_may_have_holes(robot,
     ],
 )
 def test_good_recordings_of_real_arms_pass_without_a_false_warning(robot, recording):
-    """The TX40 keeps within the limits of its joints."""
     arm = load_robot(ROOT / "robots" / f"{robot}.yaml")
     log = prepare(read_log(shared_data(recording), robot=arm), arm)
     assert set(codes(log)) <= {"W320"}
-    if robot == "staubli_tx40":
-        for q, joint in zip(log.q.T, arm.joints, strict=True):
-            low, high = joint.limits.position
-            assert low - 0.01 <= q.min() <= q.max() <= high + 0.01
 
 
 # ---------------------------------------------------------------- stamps
@@ -351,13 +340,10 @@ def moved(low, high, limits=(-1.0, 2.0)):
     return tuple(check_ranges(Log(np.arange(50) * 0.01, q, 0 * q, dh=True), arm))
 
 
-@pytest.mark.parametrize("turns", [0, 1, -2])
-def test_what_lies_within_and_what_has_no_limits_is_not_named(turns):
-    assert moved(-1.05 + 2 * np.pi * turns, 2.0 + 2 * np.pi * turns) == ()
+def test_only_what_is_beyond_the_limits_is_named():
+    for turn in (0.0, 2 * np.pi, -4 * np.pi):
+        assert moved(-1.05 + turn, 2.0 + turn) == ()
     assert moved(-20.0, 20.0, None) == ()
-
-
-def test_a_quarter_turn_is_named():
     (finding,) = moved(np.pi / 2 + 0.2, np.pi / 2 + 1.5)
     assert finding.code == "W332"
     assert finding.evidence["beyond"] == pytest.approx(np.pi / 2 + 1.5 - 2.0)
@@ -388,14 +374,10 @@ def test_encoders_so_coarse_that_positions_repeat_are_no_held_samples():
     assert without_stale(coarse, robot()) is coarse
 
 
-def test_an_arm_at_rest_repeats_nothing():
+def test_an_arm_at_rest_repeats_nothing_and_a_clean_log_is_the_same_object():
     log = moving_log()
     still = replace(take_samples(log, np.zeros(len(log), dtype=int)), t=log.t)
     assert without_stale(still, robot()) is still
-
-
-def test_a_clean_log_is_the_same_object():
-    log = moving_log()
     assert without_stale(log, robot()) is log
     assert without_copies([log]) == ([log], ())
 

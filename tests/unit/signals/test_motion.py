@@ -134,33 +134,6 @@ def test_a_slower_run_is_another_motion_and_a_still_joint_decides_nothing():
     assert same_motion(still, other)
 
 
-def test_motions_are_compared_at_every_beginning():
-    rng = np.random.default_rng(4)
-    for _ in range(60):
-        one = np.cumsum(rng.normal(size=(int(rng.integers(5, 40)), 2)), axis=0) + 1e3
-        begin, length = int(rng.integers(0, len(one))), int(rng.integers(3, 40))
-        other = one[begin : begin + length]
-        other = other + rng.choice([0.0, 0.05, 0.3]) * rng.normal(size=other.shape)
-        if len(other) < 2:
-            continue
-        reach = np.maximum(np.ptp(one, axis=0), np.ptp(other, axis=0))
-        needed = max(2, int(np.ceil(0.7 * min(len(one), len(other)))))
-        overlaps = [
-            [
-                (one[i + lag] - other[i]) / reach
-                for i in range(len(other))
-                if 0 <= i + lag < len(one)
-            ]
-            for lag in range(-len(other), len(one))
-        ]
-        alike = [
-            np.sqrt(np.mean(np.square(each), axis=0)) < 0.05
-            for each in overlaps
-            if len(each) >= needed
-        ]
-        assert same_motion(one, other) == any(map(np.all, alike))
-
-
 def test_a_pause_of_days_is_compared_as_a_short_one():
     t = np.arange(0, 25.0, 0.005)
     rest = np.where(t < 10.0, t, t + 1e6)
