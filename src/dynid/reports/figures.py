@@ -215,20 +215,19 @@ def broken(t: Floats, x: Floats) -> tuple[Floats, Floats]:
 
 
 # ---------------------------------------------------------------- files
-def save(figure: Figure, stream: IO[Any], kind: str, *, salt: str = "dynid") -> None:
+def save(figure: Figure, stream: IO[Any], kind: str) -> None:
     """Write a figure as PNG or SVG; equal figures give equal bytes.
 
     Args:
         figure: the figure.
         stream: where to.
         kind: ``"png"`` or ``"svg"``.
-        salt: keeps ids of several SVG elements on one page distinct.
     """
     from matplotlib import rc_context
 
     png: dict[str, Any] = {"dpi": 160, "metadata": {"Software": None}}
     svg = {"dpi": 72, "metadata": dict.fromkeys(("Date", "Creator", "Type", "Format"))}
-    with rc_context({**STYLE, "svg.hashsalt": salt, "svg.fonttype": "none"}):
+    with rc_context({**STYLE, "svg.hashsalt": "dynid", "svg.fonttype": "none"}):
         figure.savefig(stream, format=kind, **(png if kind == "png" else svg))
 
 

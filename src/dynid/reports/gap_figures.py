@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.arrays import Floats
 from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect
@@ -31,8 +30,6 @@ if TYPE_CHECKING:
 
 #: Least times the noise's power at which the colours end; they go on to the worst that there is.
 WORST = 10.0
-#: Seconds of held-out motion that are drawn.
-SHOWN = 12.0
 
 
 @styled
@@ -101,37 +98,24 @@ def improvement_figure(
 
 @styled
 def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
-    """Draw an effect on held-out rows: the residual without and with it over the worst interval, and its curve.
+    """Draw an effect on held-out rows: its torque over what it follows, and what the model leaves for it.
 
     Args:
         one: the effect.
         curve: its torque and what the model leaves for it.
         title: of the figure, before the name of the effect; "" for none.
     """
-    figure = new_figure(4.6)
-    over_time, against = figure.subplots(2, 1, height_ratios=[2, 3])
-    shown = _worst_stretch(curve.t, curve.residual)
-    for values, color, words in (
-        (curve.residual, RESIDUAL, "residual without it"),
-        (curve.left, ESTIMATED, "residual with it"),
-    ):
-        over_time.plot(curve.t[shown], values[shown], ".", ms=3, color=color, label=words)
-    over_time.axhline(0, lw=0.6, color=MEASURED)
-    over_time.set(
-        xlabel="time, worst held-out interval [s]", ylabel=f"{label(one.joint)} [{one.unit}]"
-    )
+    figure = new_figure(2.8)
+    axis = figure.subplots()
     centre, mean, spread = binned(curve.against, curve.data)
-    says = binned(curve.against, curve.torque)[1]
-    against.plot(curve.against, curve.data, ".", ms=1.5, color=MEASURED, alpha=0.4, rasterized=True)
-    against.errorbar(
+    effect = binned(curve.against, curve.torque)[1]
+    axis.plot(curve.against, curve.data, ".", ms=1.5, color=MEASURED, alpha=0.4, rasterized=True)
+    axis.errorbar(
         centre, mean, spread, fmt="o", ms=3.5, color=RESIDUAL, lw=0.8, label="held-out data"
     )
-    low, high = _interval(one)
-    against.fill_between(centre, low * says, high * says, color=ESTIMATED, alpha=0.3, lw=0)
-    against.plot(centre, says, color=ESTIMATED, lw=1.4, label="the effect, 95 % interval")
-    against.set(xlabel=label(curve.follows), ylabel=f"residual [{one.unit}]")
-    for axis in (over_time, against):
-        axis.legend()
+    axis.plot(centre, effect, color=ESTIMATED, lw=1.4, label="the effect")
+    axis.set(xlabel=label(curve.follows), ylabel=f"{label(one.joint)} [{one.unit}]")
+    axis.legend()
     if title:
         words = label(f"{title}: {one.effect} on {one.where}", TITLE_LENGTH)
         figure.suptitle(words, wrap=True)
@@ -152,25 +136,3 @@ def simulator_figure(gap: SimulatorGap) -> Figure:
     return curves_over_time(
         titles, gap.t, panels, f"simulated less measured position, {gap.engine}"
     )
-
-
-def _worst_stretch(t: Floats, error: Floats) -> slice:
-    """Return the rows of the ``SHOWN`` seconds with the largest sum of squared errors."""
-    power = np.concatenate([[0.0], np.cumsum(error**2)])
-    ends = (
-        np.searchsorted(t, t + SHOWN)
-        if np.all(np.diff(t) > 0)
-        else np.minimum(np.arange(len(t)) + 500, len(t))
-    )
-    start = int(np.argmax(power[ends] - power[: len(t)]))
-    return slice(start, int(ends[start]))
-
-
-def _interval(one: GapEffect) -> tuple[float, float]:
-    """Return the ends of the 95 % interval of the largest amplitude, as shares of it."""
-    sizes = {
-        name: abs(one.values[name]) for name, error in one.std_errors.items() if np.isfinite(error)
-    }
-    largest = max(sizes, key=lambda name: sizes[name], default="")
-    spread = 1.96 * one.std_errors[largest] / sizes[largest] if largest and sizes[largest] else 0.0
-    return 1 - spread, 1 + spread

@@ -1,4 +1,4 @@
-"""The picture and the animation of a motion: poses above the traces of all joints, as PyBullet shows them.
+"""The picture of a motion, poses above the traces of all joints, and its animation, as PyBullet shows them.
 
 Where PyBullet is missing, the still shows capsules along the links.
 """
@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.disk import written_whole
 from dynid.robot import Robot
@@ -48,30 +47,14 @@ def draw_motion(
     pictures = pictures or _sketched(trajectory, capsules)
     if drawing.picture is not None:
         some = np.linspace(0, len(pictures) - 1, STILLS).round().astype(int)
-        sheet = _sheet(drawing.title, trajectory, capsules.robot, [pictures[k] for k in some])[0]
+        sheet = _sheet(drawing.title, trajectory, capsules.robot, [pictures[k] for k in some])
         with written_whole(drawing.picture) as stream:
             sheet.print_png(stream)
-    if drawing.animation is None:
-        return
-    canvas, (shown,), (line,) = _sheet(drawing.title, trajectory, capsules.robot, pictures[:1])
-    moving, frames = (shown, shown.axes.title, line), []
-    for artist in moving:
-        artist.set_animated(True)
-    canvas.draw()
-    still = canvas.copy_from_bbox(canvas.figure.bbox)
-    for time, pixels in pictures:
-        canvas.restore_region(still)
-        shown.set_data(pixels)
-        shown.axes.title.set_text(f"t = {time:.1f} s")
-        line.set_xdata([time, time])
-        for artist in moving:
-            artist.draw(canvas.get_renderer())
-        frames.append(Image.fromarray(_pixels(canvas)).quantize(64))
-    with written_whole(drawing.animation) as stream:
-        each = SHOWN // len(frames)
-        frames[0].save(
-            stream, "GIF", save_all=True, append_images=frames[1:], duration=each, loop=0
-        )
+    if drawing.animation is not None:
+        first, *others = (Image.fromarray(pixels).quantize(64) for _, pixels in pictures)
+        each = SHOWN // len(pictures)
+        with written_whole(drawing.animation) as stream:
+            first.save(stream, "GIF", save_all=True, append_images=others, duration=each, loop=0)
 
 
 def _canvas(width: float, height: float) -> Any:  # noqa: ANN401
@@ -81,29 +64,14 @@ def _canvas(width: float, height: float) -> Any:  # noqa: ANN401
     return FigureCanvasAgg(Figure(figsize=(width, height), dpi=DPI))
 
 
-def _pixels(canvas: Any) -> NDArray[np.uint8]:  # noqa: ANN401
-    return np.array(canvas.buffer_rgba())[..., :3]
-
-
-def _sheet(
-    title: str, trajectory: Trajectory, robot: Robot, pictures: Sequence[Picture]
-) -> tuple[Any, list[Any], list[Any]]:
-    """Draw pictures above the traces of all joints; return the canvas, its images and the lines at their times."""
-    columns = min(COLUMNS, len(pictures))
-    rows = -(-len(pictures) // columns)
-    canvas = _canvas(columns * WIDE, rows * HIGH + TRACES)
+def _sheet(title: str, trajectory: Trajectory, robot: Robot, pictures: Sequence[Picture]) -> Any:  # noqa: ANN401
+    """Draw pictures above the traces of all joints, with lines at their times; return the canvas."""
+    rows = -(-len(pictures) // COLUMNS)
+    canvas = _canvas(COLUMNS * WIDE, rows * HIGH + TRACES)
     figure = canvas.figure
     figure.set_layout_engine("constrained")
     figure.suptitle(title)
-    grid, images = (
-        figure.add_gridspec(rows + 1, columns, height_ratios=[*[HIGH] * rows, TRACES]),
-        [],
-    )
-    for k, (time, pixels) in enumerate(pictures):
-        axes = figure.add_subplot(grid[k // columns, k % columns])
-        axes.set_title(f"t = {time:.1f} s", fontsize=10)
-        axes.axis("off")
-        images.append(axes.imshow(pixels))
+    grid = figure.add_gridspec(rows + 1, COLUMNS, height_ratios=[*[HIGH] * rows, TRACES])
     motion = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
     (lower, upper), traces = position_range(robot), figure.add_subplot(grid[rows, :])
     shares = ((motion.q - lower) / (upper - lower)).T
@@ -113,9 +81,14 @@ def _sheet(
         xlabel="time [s]", ylabel="in the joint's range", xlim=(0, motion.t[-1]), ylim=(0, 1)
     )
     traces.set_yticks([0, 0.5, 1], ["lower", "middle", "upper"])
-    figure.legend(loc="outside lower center", ncols=2 * columns + 1, fontsize=7, frameon=False)
-    lines = [traces.axvline(time, color="#bbbbbb", lw=1.0) for time, _ in pictures]
-    return canvas, images, lines
+    figure.legend(loc="outside lower center", ncols=2 * COLUMNS + 1, fontsize=7, frameon=False)
+    for k, (time, pixels) in enumerate(pictures):
+        axes = figure.add_subplot(grid[k // COLUMNS, k % COLUMNS])
+        axes.set_title(f"t = {time:.1f} s", fontsize=10)
+        axes.axis("off")
+        axes.imshow(pixels)
+        traces.axvline(time, color="#bbbbbb", lw=1.0)
+    return canvas
 
 
 def _sketched(trajectory: Trajectory, capsules: Capsules) -> list[Picture]:
@@ -141,5 +114,5 @@ def _sketched(trajectory: Trajectory, capsules: Capsules) -> list[Picture]:
             axes.bar3d(*box.lower, *np.subtract(box.upper, box.lower), color="#d55e00", alpha=0.3)
         axes.set_aspect("equal")
         canvas.draw()
-        pictures.append((float(path.t[k]), _pixels(canvas)))
+        pictures.append((float(path.t[k]), np.array(canvas.buffer_rgba())[..., :3]))
     return pictures

@@ -1,13 +1,12 @@
 """report.html: all sections in one file that needs no network, and the summary for a pull request.
 
-Templates hold the words of a section and call the functions that draw its figures, which take the page's text colour
-and font, in the light and in the dark.
+Templates hold the words of a section and call the functions that draw its figures.
 """
 
 from __future__ import annotations
 
 import io
-import re
+from base64 import b64encode
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from dynid.reports import figures, gap_figures, section_figures
 from dynid.reports.gathered import Gathered
 from dynid.robot import LINK_PARAMETERS
 from dynid.table import ROUNDING, with_error
-from dynid.text import html, markdown, printable, shell
+from dynid.text import markdown, printable, shell
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -40,18 +39,6 @@ SECTIONS = {
     "physics": "Physically consistent links",
     "limits": "Limits of this result",
 }
-#: Stands for the page's text colour until the figure is written.
-INK = "#010203"
-#: What the page shows for the colours of figures; the style sheet has lighter ones for the dark.
-_SHOWN = {
-    INK: "currentColor",
-    figures.GRID: "var(--faint)",
-    figures.MEASURED: "var(--measured)",
-    figures.ESTIMATED: "var(--estimated)",
-    figures.RESIDUAL: "var(--residual)",
-}
-_OF_TEXT = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
-_OF_PAPER = ("figure.facecolor", "axes.facecolor", "savefig.facecolor", "legend.facecolor")
 
 
 def page(gathered: Gathered) -> str:
@@ -107,33 +94,16 @@ def _shown(value: Any) -> Any:  # noqa: ANN401
 
 
 def drawn(label: str, draw: Callable[..., Figure], *what: Any) -> Markup:  # noqa: ANN401
-    """Return a figure as an SVG element that fills the width it is given.
+    """Return a figure as a picture that fills the width it is given, as SVG inside the page.
 
     Args:
-        label: what it shows, for those who cannot see it; no other figure of the page has the same.
+        label: what it shows, for those who cannot see it.
         draw: draws it.
         what: its arguments.
     """
     from markupsafe import Markup
-    from matplotlib import rc_context
 
-    stream = io.StringIO()
-    style = dict.fromkeys(_OF_TEXT, INK) | dict.fromkeys(_OF_PAPER, "none")
-    with rc_context(style):  # type: ignore[arg-type]
-        figures.save(draw(*what), stream, "svg", salt=label)
-    text = stream.getvalue()
-    head, rest = text[text.index("<svg") :].split(">", 1)
-    box = re.search(r'viewBox="[^"]*"', head)
-    assert box is not None
-    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', rest))
-    # Why: names of groups are the same in every figure, and ids must be unique on a page.
-    rest = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", rest)
-    for color, shown in _SHOWN.items():
-        rest = rest.replace(color, shown)
-    # A hundredth of a point is finer than a screen.
-    rest = re.sub(r"(\.\d\d)\d{3,}", r"\1", rest)
-    rest = re.sub(r"font: ([0-9.]+)px [^;\"]*", r"font-size: \1px; font-family: inherit", rest)
-    return Markup(
-        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
-        f'{box[0]} role="img" aria-label="{html(label)}">{rest}'
-    )
+    stream = io.BytesIO()
+    figures.save(draw(*what), stream, "svg")
+    content = b64encode(stream.getvalue()).decode()
+    return Markup('<img src="data:image/svg+xml;base64,{}" alt="{}">').format(content, label)

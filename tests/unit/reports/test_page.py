@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
+from base64 import b64decode
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -15,11 +16,9 @@ NASTY = '<b>x & "y"</b>'
 DRAWINGS = [
     "singular values of the stack with normalised columns",
     "range of positions and velocities of each joint, and its limits",
-    "standard error of each base parameter in percent of its value",
     "measured and estimated torque of each joint, training logs",
     f"measured and estimated torque of each joint, validation: {NASTY}",
     "mean and spread of the residual of each joint over velocity, position, load, time",
-    "the arm from two sides with an ellipsoid for each link's mass and inertia",
 ]
 
 
@@ -40,7 +39,7 @@ class Elements(HTMLParser):
         self.tags.append(tag)
         facts = dict(attrs)
         self.ids += [facts["id"]] if "id" in facts else []
-        self.labels += [facts.get("aria-label")] if tag == "svg" else []
+        self.labels += [facts.get("alt")] if tag == "img" else []
         self.links += [
             value
             for key, value in attrs
@@ -49,10 +48,6 @@ class Elements(HTMLParser):
 
     def handle_data(self, data):
         self.text += data
-
-
-def drawings(html):
-    return re.findall(r"<svg .*?</svg>", html, flags=re.S)
 
 
 def by_section(html):
@@ -79,16 +74,13 @@ def test_all_twelve_sections_are_there_in_their_order(html):
 
 
 def test_nothing_is_fetched_and_no_script_runs(html):
-    """Links stay on the page; addresses occur only as names of XML vocabularies."""
+    """Links stay on the page."""
     found = Elements(html)
     assert all(link.startswith(("#", "data:")) for link in found.links)
-    assert not {"script", "iframe", "object", "embed", "img", "form"} & set(found.tags)
+    assert not {"script", "iframe", "object", "embed", "form"} & set(found.tags)
     assert not re.findall(r"url\((?!#)", html)
     assert "@import" not in html
-    assert set(re.findall(r'https?://[^\s"<]+', html)) <= {
-        "http://www.w3.org/2000/svg",
-        "http://www.w3.org/1999/xlink",
-    }
+    assert "://" not in html
 
 
 def test_names_are_text_wherever_they_stand(html):
@@ -100,11 +92,11 @@ def test_names_are_text_wherever_they_stand(html):
         "next": 1,  # the log to search
         "run": 3,  # robot, command, log
         "quality": 1,  # the finding
-        "excitation": 1,  # an axis
+        "excitation": 0,
         "parameters": 1,  # a row of the grid
-        "torque": 2,  # row and panel of the joint
-        "validation": 3,  # heading, list of joints, panel of the figure
-        "residual": 1,  # a row of panels
+        "torque": 1,  # row of the joint
+        "validation": 2,  # heading, list of joints
+        "residual": 0,
         "gap": 0,
         "physics": 0,
         "limits": 1,  # speeds reached
@@ -112,7 +104,7 @@ def test_names_are_text_wherever_they_stand(html):
 
 
 def test_every_figure_says_what_it_is_how_to_read_it_and_what_would_worry(html):
-    """Each drawing has words for those who cannot see it and a caption with both lines."""
+    """Each drawing has words for those who cannot see it."""
     assert Elements(html).labels == DRAWINGS
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", html, flags=re.S)
     assert len(captions) == len(DRAWINGS)
@@ -124,21 +116,12 @@ def test_every_figure_says_what_it_is_how_to_read_it_and_what_would_worry(html):
 
 
 def test_ids_are_unique_and_drawings_are_well_formed(html):
-    """Two drawings that shared a clip path would cut each other."""
     ids = Elements(html).ids
     assert len(set(ids)) == len(ids)
-    assert len(drawings(html)) == len(DRAWINGS)
-    for drawing in drawings(html):
-        ET.fromstring(drawing)
-
-
-def test_drawings_follow_the_colours_of_the_page(html):
-    """No drawing has a colour of its own: black text would vanish in the dark."""
-    assert "@media (prefers-color-scheme: dark)" in html
-    for drawing in drawings(html):
-        without_pictures = re.sub(r'base64,[^"]*', "", drawing)
-        assert re.findall(r"[:\"' ](?:#[0-9a-fA-F]{3,6}\b|black|white|rgb)", without_pictures) == []
-        assert "currentColor" in drawing
+    drawings = re.findall(r"data:image/svg\+xml;base64,([^\"]+)", html)
+    assert len(drawings) == len(DRAWINGS)
+    for drawing in drawings:
+        assert ET.fromstring(b64decode(drawing)).tag == "{http://www.w3.org/2000/svg}svg"
 
 
 def test_the_page_has_the_sentence_the_lights_and_the_steps_of_the_judgement(gathered, html):
@@ -154,9 +137,9 @@ def test_the_page_has_the_sentence_the_lights_and_the_steps_of_the_judgement(gat
 
 
 def test_an_old_run_without_its_other_files_still_has_a_report(gathered):
-    """Only parameters.npz is needed: drawings of parameters and bodies are left, and what is missing is said."""
+    """Only parameters.npz is needed, and what is missing is said."""
     text = page(replace(gathered, motion=None, validations=(), singular_values=None))
-    assert Elements(text).labels == [DRAWINGS[2], DRAWINGS[-1]]
+    assert Elements(text).labels == []
     assert by_section(text)["validation"].count("No data was held out") == 1
     assert by_section(text)["torque"].count("estimatedmotion.npz is missing") == 1
 
