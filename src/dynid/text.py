@@ -1,8 +1,8 @@
 """Text that came from outside, made harmless for the place it is written to: one function for each kind of place.
 
 Names of robots, joints, links, parameters and logs come from files that anybody may have written. Nothing that these
-functions return can end a comment, a string, a cell or an element, start a formula or a command, or reorder the text
-around it. Letters, digits, ``_``, ``-``, ``.`` and the space stay as they are everywhere.
+functions return can end a comment, a string, a cell or an element, or start a command. Letters, digits, ``_``, ``-``,
+``.`` and the space stay as they are everywhere.
 """
 
 from __future__ import annotations
@@ -14,23 +14,13 @@ from typing import Any
 
 #: What a name may hold in source code without being written out; ASCII, because compilers guess the encoding.
 _CODE = frozenset("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-. +(),")
-#: What LaTeX gives a meaning, a ligature or another glyph.
+#: What LaTeX gives a meaning.
 _LATEX = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': r"{''}",
-    "[": "{[}",
-    "]": "{]}",
-    "*": "{*}",
-    "`": "{`}",
     **{c: f"\\{c}" for c in "_&%$#{}"},
 }
-#: A sign that starts a formula, where a spreadsheet may start a cell: at the beginning or behind a separator.
-_FORMULA = re.compile(r"(^|[;|\t])(\s*)(?=[=+\-@＝＋－＠])")
 #: Words that YAML reads as something else than text.
 _YAML = frozenset(["y", "n", "yes", "no", "on", "off", "true", "false", "null", "nan", "inf"])
 #: Longest label and title of a figure and longest name of a file, in characters; what is longer is cut.
@@ -76,11 +66,6 @@ def file_name(text: str) -> str:
     return name or "arm"
 
 
-def xml(text: str) -> str:
-    """Return text for an attribute or an element that an XML library writes, without characters that XML forbids."""
-    return printable(text)
-
-
 def xml_comment(text: str) -> str:
     """Return the inside of an XML comment, which must not hold ``--`` nor end in ``-``."""
     return re.sub("-(?=-|$)", "- ", f" {printable(text).strip()} ")
@@ -104,19 +89,14 @@ def latex(text: str) -> str:
     return "".join(_LATEX.get(c, c) for c in printable(text))
 
 
-def csv_cell(text: str) -> str:
-    """Return the text of a CSV cell that no spreadsheet takes for a formula: ``'`` stands before ``= + - @``."""
-    return _FORMULA.sub(r"\1'\2", printable(text))
-
-
 def csv_row(cells: Iterable[object]) -> str:
-    """Return a line of a CSV file without its end: numbers as they are, text by ``csv_cell``, None as nothing."""
+    """Return a line of a CSV file without its end; None is an empty cell."""
     import csv
     import io
 
     stream = io.StringIO()
     csv.writer(stream, lineterminator="").writerow(
-        csv_cell(c) if isinstance(c, str) else c for c in cells
+        printable(cell) if isinstance(cell, str) else cell for cell in cells
     )
     return stream.getvalue()
 
@@ -134,13 +114,7 @@ def yaml_text(document: Mapping[str, Any], head: str | None = None, **style: Any
     style = {"sort_keys": False, "width": 120, "default_flow_style": None, **style}
     # Why libyaml where it is there: a table of parameters takes a quarter of the time.
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    try:
-        body = yaml.dump(document, Dumper=dumper, allow_unicode=True, **style)
-        # Why: characters that reorder a line are written as they are, unless all that is not ASCII is written out.
-        if not body.replace("\n", "").isprintable():
-            body = yaml.dump(document, Dumper=dumper, allow_unicode=False, **style)
-    except UnicodeEncodeError:  # half a character, which libyaml knows no way to write
-        body = yaml.safe_dump(document, allow_unicode=False, **style)
+    body = yaml.dump(document, Dumper=dumper, allow_unicode=True, **style)
     return f"# {printable(head)}\n{body}" if head is not None else body
 
 
@@ -156,9 +130,8 @@ def yaml_word(text: str) -> str:
 
 
 def column(text: str) -> str:
-    """Return the name of a column: one cell in a table of any dialect, and no formula."""
-    name = printable(text, lambda c: c.isprintable() and c not in ',;|"')
-    return _FORMULA.sub(r"\1'\2", name)
+    """Return the name of a column: one cell in a table of any dialect."""
+    return printable(text, lambda c: c.isprintable() and c not in ',;|"')
 
 
 def label(text: str, most: int = LABEL_LENGTH) -> str:

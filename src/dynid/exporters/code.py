@@ -34,7 +34,7 @@ from dynid.exporters.interface import Format, IdentifiedArm, Loaded, with_effect
 from dynid.model.parameters import Parameter
 from dynid.model.printing import number, statements
 from dynid.robot import LINK_PARAMETERS, Robot
-from dynid.text import code, identifier, xml, xml_comment
+from dynid.text import code, identifier, printable, xml_comment
 
 #: An entry of the regressor: row, column and value.
 Entry = tuple[int, int, str]
@@ -65,7 +65,11 @@ def rendered(template: str, spelled: Callable[[str], str] = str, /, **facts: Any
         autoescape=template.endswith(".xml"),
     )
     environment.filters |= {"spelled": spelled, "code": code, "name": identifier, "ascii": ascii}
-    environment.filters |= {"row": numbers, "xml": xml, "comment": lambda x: Markup(xml_comment(x))}
+    environment.filters |= {
+        "row": numbers,
+        "xml": printable,
+        "comment": lambda x: Markup(xml_comment(x)),
+    }
     environment.globals |= {"zip": zip, "code": code}
     return environment.get_template(template).render(facts)
 

@@ -15,7 +15,7 @@ from dynid.exporters.interface import STEP_S, Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.model.effects.laws import ANGLE_STEP
 from dynid.model.kinematics import fixed_poses
-from dynid.text import xml
+from dynid.text import printable
 
 #: Formats that it accompanies.
 HOSTS = ("urdf", "mjcf")
@@ -30,12 +30,12 @@ def text(arm: IdentifiedArm) -> str:
         arm=arm,
         simulation=simulation,
         full=simulation.full,
-        joints=list(map(xml, arm.robot.joint_names)),
+        joints=list(map(printable, arm.robot.joint_names)),
         urdf_joints=names,
         mapping=mapping,
         shape=arm.robot.coulomb_shape,
-        bristles=[column for column, _, _ in simulation.columns if "z" in column.signals],
-        loads=any(column.signals & {"tau", "total"} for column, _, _ in simulation.columns),
+        bristles=[column for column, _ in simulation.columns if "z" in column.signals],
+        loads=any(column.signals & {"tau", "total"} for column, _ in simulation.columns),
         arm_effects=[one.effect.name for one in simulation.arm_effects],
         written=written,
         angle_step=ANGLE_STEP,
@@ -81,7 +81,7 @@ def own_values(arm: IdentifiedArm) -> dict[str, float]:
     simulation = simulated(arm)
     of_arm = [column.parameter.name for added in simulation.arm_effects for column in added.columns]
     values = numbers_of(arm, "Im", "fv", "fc", "fo")
-    values |= {column.name: size for column, size, _ in simulation.columns}
+    values |= {column.name: size for column, size in simulation.columns}
     return values | dict(zip(of_arm, arm.full.values(of_arm), strict=True))
 
 

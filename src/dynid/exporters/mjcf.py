@@ -10,7 +10,7 @@ from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.parameters import cylinders_of, link_cylinders, moved
-from dynid.text import xml
+from dynid.text import printable
 
 #: What MuJoCo calls the numbers of a joint's drive.
 DRIVE = {"Im": "armature", "fv": "damping", "fc": "frictionloss"}
@@ -24,7 +24,6 @@ def text(arm: IdentifiedArm) -> str:
     drive = {name: simulation.full.of_joints(kind) for kind, name in DRIVE.items()}
     for i, (joint, body) in enumerate(zip(robot.joints, simulation.full.bodies, strict=True)):
         before, to_dh = fixed_poses(joint, robot.convention)
-        own = {name: repr(max(0.0, float(row[i]))) for name, row in drive.items()}
         links.append(
             {
                 "joint": joint,
@@ -32,7 +31,7 @@ def text(arm: IdentifiedArm) -> str:
                 "axes": (previous @ before)[:3, :2].T,
                 "body": moved(body, to_dh),
                 "ends": ends[i] @ to_dh[:3, :3].T + to_dh[:3, 3],
-                "drive": {**own, **simulation.springs.get(i, {})},
+                "drive": {name: repr(max(0.0, float(row[i]))) for name, row in drive.items()},
             }
         )
         previous = to_dh
@@ -56,7 +55,7 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
         f"the smooth start of Coulomb friction: {soft}": any(full.of_joints("fc")),
         f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero": negative,
     }
-    return (*filter(gone.get, gone), *simulated(arm).left_out(mjcf=True))
+    return (*filter(gone.get, gone), *simulated(arm).left_out)
 
 
 def negative_numbers(arm: IdentifiedArm) -> list[str]:
@@ -69,10 +68,11 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it in MuJoCo; None where numbers had to be written as zero, so that torques cannot agree."""
     if negative_numbers(arm):
         return None
-    held = {column.name: size for column, size, native in simulated(arm).columns if native}
-    what = "rigid body, rotors, viscous friction" + ", springs" * bool(held)
-    names = tuple(map(xml, arm.robot.joint_names))
-    return in_mujoco(text, names, arm, what, numbers_of(arm, "Im", "fv") | held)
+    what, names = (
+        "rigid body, rotors, viscous friction",
+        tuple(map(printable, arm.robot.joint_names)),
+    )
+    return in_mujoco(text, names, arm, what, numbers_of(arm, "Im", "fv"))
 
 
 MJCF = Format("mjcf", ".xml", text, leaves_out, loaded)

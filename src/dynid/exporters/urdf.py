@@ -11,7 +11,7 @@ from dynid.exporters.user_urdf import rewritten
 from dynid.model.attached import attached
 from dynid.robot import JointMap
 from dynid.sim.urdf import urdf_text
-from dynid.text import xml, xml_comment
+from dynid.text import printable, xml_comment
 
 
 def text(arm: IdentifiedArm) -> str:
@@ -41,7 +41,7 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
         "the smooth start of Coulomb friction: <dynamics friction> has only its size": fc
         and not own,
     }
-    return (*filter(gone.get, gone), *simulated(arm).left_out(mjcf=False))
+    return (*filter(gone.get, gone), *simulated(arm).left_out)
 
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
@@ -64,8 +64,8 @@ def joints_of(arm: IdentifiedArm) -> tuple[tuple[str, ...], JointMap]:
     robot = arm.robot
     if arm.urdf is not None:
         place = attached(arm.urdf, robot)
-        return tuple(map(xml, place.names)), place.mapping
-    return tuple(map(xml, robot.joint_names)), JointMap((1.0,) * robot.n, (0.0,) * robot.n)
+        return tuple(map(printable, place.names)), place.mapping
+    return tuple(map(printable, robot.joint_names)), JointMap((1.0,) * robot.n, (0.0,) * robot.n)
 
 
 URDF = Format("urdf", ".urdf", text, leaves_out, loaded)

@@ -1,7 +1,7 @@
 """The user's own URDF with new inertial blocks: every other byte stays as it is.
 
 What hangs on a moving link by fixed joints, or by joints of its own such as fingers, keeps its block; the link itself
-gets the rest of the identified body. Where no such rest exists, fixed parts are emptied and the link carries all.
+gets the rest of the identified body.
 """
 
 from __future__ import annotations
@@ -40,10 +40,8 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
     moving = [joint.name for joint in place.urdf.joints if joint.moves]
     new = {}
     for i, (joint, body) in enumerate(zip(place.joints, full.bodies, strict=True), start=1):
-        own, emptied = _own_share(place, joint.child, moved(body, place.to_dh[i - 1]))
+        own = _own_share(place, joint.child, moved(body, place.to_dh[i - 1]))
         new[joint.child] = (own, full.origin_of_link(i))
-        note = f"its mass is in {joint.child}: link {i} was identified as one body"
-        new |= dict.fromkeys(emptied, (Body(0.0), note))
         for fixed, _ in place.urdf.behind(joint.child, moving):
             if place.urdf.bodies[fixed.child] is None:
                 note = "an empty frame: without this block PyBullet gives it 1 kg"
@@ -51,21 +49,16 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
     return _replaced(path, new, arm.head(str))
 
 
-def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]:
-    """Return a link's body without what hangs on it, and the links that had to be emptied."""
-    behind, parts = place.urdf.behind(link, place.names), hanging(place.urdf, link, place.names)
-    total = body.parameters()
+def _own_share(place: Attached, link: str, body: Body) -> Body:
+    """Return a link's body without what hangs on it."""
+    parts, total = hanging(place.urdf, link, place.names), body.parameters()
     rest = total - sum(parts.values())
-    if not parts or smallest_eigenvalues(rest) > -NOTHING or smallest_eigenvalues(total) <= 0:
-        return body_of(rest), []
-    own_joint = {joint.child for joint, _ in behind if joint.moves}
-    free = {joint.child for joint, _ in behind if joint.parent in own_joint} | own_joint
-    rest = total - sum(part for name, part in parts.items() if name in free)
-    if smallest_eigenvalues(rest) <= -NOTHING:
+    if parts and smallest_eigenvalues(rest) <= -NOTHING and smallest_eigenvalues(total) > 0:
         raise NotPhysical(
-            f"what moves on link '{link}' by itself ({', '.join(sorted(free))}) is heavier than the identified body"
+            f"what hangs on link '{link}' ({', '.join(sorted(parts))}) is heavier than the identified body",
+            fix="correct or remove the <inertial> of these links in the URDF",
         )
-    return body_of(rest), [name for name in parts if name not in free]
+    return body_of(rest)
 
 
 def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:

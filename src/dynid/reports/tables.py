@@ -12,7 +12,7 @@ import numpy as np
 from dynid.answer import picked
 from dynid.estimation.result import Identification
 from dynid.table import with_error
-from dynid.text import csv_row, latex, xml
+from dynid.text import csv_row, latex, printable
 
 
 @dataclass(frozen=True)
@@ -41,19 +41,19 @@ def junit(suite: str, cases: Sequence[JunitCase]) -> str:
         "failures": sum(bool(case.failure) and not case.error for case in cases),
         "errors": sum(case.error for case in cases),
     }
-    facts = {"name": xml(suite)} | {key: str(count) for key, count in counts.items()}
+    facts = {"name": printable(suite)} | {key: str(count) for key, count in counts.items()}
     root = ET.Element("testsuites", facts)
     element = ET.SubElement(root, "testsuite", facts)
     for case in cases:
         one = ET.SubElement(
             element,
             "testcase",
-            name=xml(case.name),
-            classname=xml(case.group),
+            name=printable(case.name),
+            classname=printable(case.group),
             time=f"{case.seconds:.3f}",
         )
         if case.failure:
-            lines = [xml(line) for line in case.failure.splitlines()]
+            lines = [printable(line) for line in case.failure.splitlines()]
             kind = "error" if case.error else "failure"
             ET.SubElement(one, kind, message=lines[0]).text = "\n".join(lines)
     ET.indent(root)

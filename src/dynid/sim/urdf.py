@@ -17,7 +17,7 @@ from dynid.arrays import Floats
 from dynid.model.kinematics import base_pose, fixed_poses, pose_of
 from dynid.model.parameters import cylinders_of, link_cylinders, prior_bodies
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
-from dynid.text import xml
+from dynid.text import printable
 
 #: Stand-ins for limits that the robot file leaves out; the URDF format demands numbers.
 _NO_TRAVEL, _NO_LIMIT = 10.0, 1e3
@@ -35,7 +35,7 @@ def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
         robot: the arm; ``base_xyz`` and ``base_rpy`` place frame 0, the prior's radius gives the shapes.
         bodies: one body per link in its DH frame; the prior of the robot file when None.
     """
-    root = ET.Element("robot", name=xml(robot.slug))
+    root = ET.Element("robot", name=printable(robot.slug))
     base = ET.SubElement(root, "link", name="base")
     # Why: Bullet complains on standard output about a link without mass, which would break --json.
     _inertial(base, Body(1.0, inertia_com=(1.0, 0.0, 0.0, 1.0, 0.0, 1.0)), np.eye(4))
@@ -58,7 +58,7 @@ def _joint(root: ET.Element, joint: Joint, i: int, origin: Floats) -> None:
     limits = joint.limits
     turning = "revolute" if limits.position else "continuous"
     kind = turning if joint.revolute else "prismatic"
-    element = ET.SubElement(root, "joint", name=xml(joint.name), type=kind)
+    element = ET.SubElement(root, "joint", name=printable(joint.name), type=kind)
     ET.SubElement(element, "parent", link=f"link_{i}" if i else "base")
     ET.SubElement(element, "child", link=f"link_{i + 1}")
     _origin(element, origin)

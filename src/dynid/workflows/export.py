@@ -48,7 +48,7 @@ class ExportedFile:
         leaves_out: what the format has no place for, one phrase each.
         agreements: comparison with dynid's torques, none where nothing here loads the file.
         refused: what the engine said that refused the file, empty when none did.
-        elements: effects that it has elements for, one phrase each.
+        elements: effects that are in its numbers, one phrase each.
         beside: what ``effects.py`` beside it adds, one phrase each.
         not_tried: why the machine does not let it be loaded, empty when it does.
     """
@@ -363,9 +363,6 @@ def _proved(form: Format, path: Path, text: str, arm: IdentifiedArm, seed: int) 
         exported = replace(exported, not_tried=str(error))
     if form.name not in HOSTS:
         return exported
-    where, mjcf = simulated(arm), form.name == "mjcf"
-    return replace(
-        exported,
-        elements=where.numbers + (where.elements if mjcf else ()),
-        beside=tuple(where.in_effects_file(mjcf=mjcf)),
-    )
+    where = simulated(arm)
+    beside = tuple(where.in_effects_file(mjcf=form.name == "mjcf"))
+    return replace(exported, elements=where.numbers, beside=beside)

@@ -1,4 +1,4 @@
-"""Effects act in simulators as in dynid: by numbers and springs of MuJoCo, or by effects.py."""
+"""Effects act in simulators as in dynid: by numbers of a file, or by effects.py."""
 
 import mujoco
 import numpy as np
@@ -34,15 +34,13 @@ def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(na
     assert found.largest < 1e-8
     assert off_in_pybullet(source, written(source, "urdf", tmp_path)) < 1e-8
     where = simulated(source)
-    assert any(name in phrase for phrase in where.elements) == (name == "spring")
     assert any(name in phrase for phrase in where.numbers) == (name in NUMBERS)
     assert any(name in phrase for phrase in where.left) == (name in LEFT)
-    beside = where.effects_in_file(mjcf=True)
-    assert any(name in phrase for phrase in beside) == (name not in ("spring", *NUMBERS, *LEFT))
+    assert any(name in phrase for phrase in where.effects) == (name not in (*NUMBERS, *LEFT))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["spring", "viscous", "motor_inertia", "payload"])
+@pytest.mark.parametrize("name", ["viscous", "motor_inertia", "payload"])
 def test_elements_of_mujoco_give_dynids_torques_alone(name, tmp_path):
     """Without effects.py; Pinocchio reads bodies and rotors of the same file."""
     source = with_effect(name)

@@ -25,8 +25,7 @@ def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
         "complete",
     ]
     assert [
-        label.split(" of ")[0]
-        for label in re.findall(r'<img [^>]*alt="([^"]*)"', made.html)
+        label.split(" of ")[0] for label in re.findall(r'<img [^>]*alt="([^"]*)"', made.html)
     ] == [
         "singular values",
         "range",
