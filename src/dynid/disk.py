@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import os
 import tempfile
@@ -15,20 +14,14 @@ from typing import IO
 from dynid.errors import CannotWrite
 
 
-def require_file(path: Path) -> None:
-    """Raise OSError when a folder, a device or a pipe is at a place: what is renamed to it would replace it."""
-    if path.exists() and not path.is_file():
-        raise OSError(
-            errno.EINVAL, "it is a folder" if path.is_dir() else "it is no regular file", str(path)
-        )
-
-
 @contextmanager
 def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
     """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
     path = Path(path)
+    # Why: what is renamed to a device or a pipe would replace it.
+    if path.exists() and not path.is_file():
+        raise CannotWrite(f"cannot write {path}: it is no regular file", where=path)
     try:
-        require_file(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".dynid-", dir=path.parent)
     except OSError as error:
@@ -43,7 +36,6 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
-        require_file(path)
         temporary.replace(path)
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=path) from error

@@ -55,10 +55,6 @@ class Finding:
     evidence: dict[str, Any] = field(default_factory=dict)
 
 
-#: Characters of what a mistake says, at most: a name from a file may have millions.
-MOST_TEXT = 4000
-
-
 class DynidError(Exception):
     """Base of all mistakes that dynid reports to a person.
 
@@ -75,9 +71,9 @@ class DynidError(Exception):
     fix: str = ""
 
     def __init__(self, what: str, *, where: object = "", why: str = "", fix: str = "") -> None:
-        self.what, self.where = bounded(what), bounded(str(where))
-        self.why, self.fix = bounded(why or type(self).why), bounded(fix or type(self).fix)
-        super().__init__(self.what)
+        self.what, self.where = what, str(where)
+        self.why, self.fix = why or type(self).why, fix or type(self).fix
+        super().__init__(what)
         # Why: a notebook shows a traceback, whose last lines these are.
         self.add_note(f"fix: {self.fix}")
 
@@ -88,17 +84,8 @@ def located(where: str) -> Iterator[None]:
     try:
         yield
     except DynidError as error:
-        error.where = error.where or bounded(where)
+        error.where = error.where or where
         raise
-
-
-def bounded(text: str) -> str:
-    """Return a text without its middle where a name in it, from a file, is longer than anybody reads."""
-    return (
-        text
-        if len(text) <= MOST_TEXT
-        else f"{text[: MOST_TEXT // 2]} ... {text[-MOST_TEXT // 4 :]}"
-    )
 
 
 # ---------------------------------------------------------------- 1: the command line
@@ -221,7 +208,7 @@ class BagTruncated(DynidError):
 
     code, status = "E305", ExitStatus.INPUT
     why = "the recorder was probably killed before it closed the file"
-    fix = "record again, or repair it with: rosbag reindex LOG"
+    fix = "record again, or repair a copy: rosbag reindex LOG.bag, mcap recover LOG.mcap, sqlite3 LOG.db3 .recover"
 
 
 class NotFinite(DynidError):

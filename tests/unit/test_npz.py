@@ -2,7 +2,6 @@
 
 import json
 import os
-import stat
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,38 +13,14 @@ from dynid.errors import CannotWrite, TooLarge
 from dynid.npz import read_npz, write_npz
 
 
-def make_pipe(path):
-    os.mkfifo(path)
-
-
-def make_device(path):
-    """Make a device like /dev/full that belongs to the test alone."""
-    try:
-        os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 7))
-    except PermissionError:
-        pytest.skip("only root makes devices")
-
-
-def make_link(path):
-    os.mkfifo(path.with_name("other"))
-    path.symlink_to("other")
-
-
-special = pytest.mark.parametrize("make", [make_pipe, make_device, make_link, Path.mkdir])
-
-
-@special
+@pytest.mark.parametrize("make", [os.mkfifo, Path.mkdir])
 def test_what_is_no_file_is_not_replaced(make, tmp_path):
     path = tmp_path / "result.npz"
     make(path)
-    before = os.lstat(path)
-    with (
-        pytest.raises(CannotWrite, match=r"no regular file|a folder"),
-        written_whole(path) as stream,
-    ):
+    before = path.stat()
+    with pytest.raises(CannotWrite, match="no regular file"), written_whole(path) as stream:
         stream.write(b"x")
-    assert os.lstat(path).st_ino == before.st_ino
-    assert stat.S_IFMT(os.lstat(path).st_mode) == stat.S_IFMT(before.st_mode)
+    assert (path.stat().st_ino, path.stat().st_mode) == (before.st_ino, before.st_mode)
     assert not list(tmp_path.glob(".dynid*"))
 
 

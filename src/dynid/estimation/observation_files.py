@@ -23,13 +23,6 @@ from dynid.signals.filters import Filter, pulse_width
 
 SCHEMA = "dynid/fullnumericregressor/1"
 _ARRAYS = tuple(field.name for field in fields(Segment))
-SHAPES = {
-    **dict.fromkeys(("q", "qd", "qdd", "tau", "raw_q", "raw_qd", "usable"), "N n"),
-    **dict.fromkeys(("t", "elapsed"), "N"),
-    "effects": "N _",
-    "R": "n p+1 p+1",
-    "rows": "n",
-}
 
 
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
@@ -59,7 +52,7 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
 
 def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
     """Read fullnumericregressor.npz: the conditioned logs and the header."""
-    artifact = read_artifact(path, SCHEMA, SHAPES)
+    artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         edges = np.cumsum([0, *map(int, h["lengths"])]).tolist()
@@ -89,5 +82,6 @@ def _log(
 
 def load_factors(path: Path) -> tuple[Floats, dict[str, Any]]:
     """Return the triangular factors of [W tau] in fullnumericregressor.npz, (n, p + 1, p + 1), and its header."""
-    artifact = read_artifact(path, SCHEMA, SHAPES)
-    return artifact.arrays["R"], dict(artifact.header)
+    artifact = read_artifact(path, SCHEMA)
+    with reading(path):
+        return artifact.arrays["R"], dict(artifact.header)

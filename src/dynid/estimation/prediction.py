@@ -13,7 +13,7 @@ from dynid.arrays import Floats, Mask
 from dynid.estimation.residual_model import ModelError, shapes_in
 from dynid.estimation.rows import Rows, at_rows
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import read_artifact
+from dynid.files.artifact import read_artifact, reading
 from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
 from dynid.signals.conditioned_log import ConditionedLog, Segment
@@ -49,10 +49,6 @@ class EstimatedMotion:
     tau_measured: Floats
     tau_estimated: Floats
     usable: Mask
-
-
-#: What the file of a prediction holds.
-SHAPES = {each.name: "N n" for each in fields(EstimatedMotion)} | {"t": "N", "log": "N"}
 
 
 def predict(
@@ -120,9 +116,10 @@ def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any])
 
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
     """Read estimatedmotion.npz as one motion, and its header."""
-    artifact = read_artifact(path, SCHEMA, SHAPES)
-    names = [field.name for field in fields(EstimatedMotion)]
-    return EstimatedMotion(**{x: artifact.arrays[x] for x in names}), dict(artifact.header)
+    artifact = read_artifact(path, SCHEMA)
+    with reading(path):
+        arrays = {each.name: artifact.arrays[each.name] for each in fields(EstimatedMotion)}
+    return EstimatedMotion(**arrays), dict(artifact.header)
 
 
 # ---------------------------------------------------------------- how wrong a prediction is

@@ -20,7 +20,6 @@ from dynid.files import typed
 from dynid.files.artifact import read_artifact, reading
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.model.base_model import (
-    REDUCTION_SHAPES,
     reduction_facts,
     reduction_from,
 )
@@ -123,26 +122,13 @@ def save_yaml(path: Path, result: Identified) -> Path:
     return path
 
 
-#: What parameters.npz holds besides the motions and what a model of its residual has.
-SHAPES = {
-    **REDUCTION_SHAPES,
-    **dict.fromkeys(("theta", "plain", "std_error", "prior"), "p"),
-    **dict.fromkeys(("covariance", "plain_covariance"), "p p"),
-    **dict.fromkeys(("noise", "counts"), "n"),
-    "factors": "n p+1 p+1",
-    **dict.fromkeys(("full_x", "full_data_share"), "c"),
-    "full_covariance": "c c",
-    "full_hessian": "d d",
-}
-
-
 def read(path: Path, kind: type[Result]) -> Result:
     """Read parameters.npz as a kind of result.
 
     Raises:
         NotAnArtifact: the file is none of dynid's, or is damaged.
     """
-    artifact = read_artifact(path, SCHEMA, SHAPES)
+    artifact = read_artifact(path, SCHEMA)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         stored: dict[str, Any] = dict(h["result"])

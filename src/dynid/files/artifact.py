@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from numpy.typing import NDArray
@@ -64,15 +63,12 @@ def reading(path: Path) -> Iterator[None]:
         ) from error
 
 
-def read_artifact(
-    path: Path, schema: str = "", shapes: Mapping[str, str] = MappingProxyType({})
-) -> Artifact:
+def read_artifact(path: Path, schema: str = "") -> Artifact:
     """Read a result file without executing anything in it.
 
     Args:
         path: the file.
         schema: what it must be; any result when "".
-        shapes: sizes of arrays that it must hold, such as ``"N n"``: equal letters are equal sizes, ``"_"`` is any.
 
     Raises:
         NotAnArtifact: not a dynid result, damaged, or of another kind.
@@ -81,7 +77,7 @@ def read_artifact(
     try:
         arrays = read_npz(path)
         header = json.loads(str(arrays.pop(HEADER)))
-        name_of_schema = str(header["schema"])
+        present = str(header["schema"])
     except FileNotFoundError as error:
         raise NotAnArtifact(f"no such file: {path}", where=path) from error
     except (OSError, *_DAMAGE) as error:
@@ -90,17 +86,7 @@ def read_artifact(
         ) from error
     if schema:
         require_schema(path, header, schema)
-    sizes: dict[str, int] = {}
-    with reading(path):
-        for name, shape in shapes.items():
-            words, own = shape.split(), arrays[name].shape
-            agree = len(words) == len(own) and all(
-                word == "_" or sizes.setdefault(word, size) == size
-                for word, size in zip(words, own, strict=True)
-            )
-            if not agree or arrays[name].dtype.kind not in "biuf":
-                raise ValueError(f"'{name}' is {arrays[name].dtype} {own}, expected ({shape})")
-    return Artifact(name_of_schema, header, arrays)
+    return Artifact(present, header, arrays)
 
 
 def require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 ROS2 = (".db3", ".mcap")
 #: First line of a bag of version 2.0.
 MAGIC = b"#ROSBAG V2.0\n"
+#: What is said of a recording without one readable message.
+NOTHING = "{} ends early (recorder killed?), and nothing of it is readable: {}"
 _MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2, 5, 6, 7))
 #: What stands before a time in a header, and the bytes of both.
 _TIME, _TIMED = b"\r\0\0\0time=", 17
@@ -68,7 +70,7 @@ def read_topics(
     if not reasons:
         return groups, ()
     if not groups:
-        raise _nothing_readable(path, reasons[0])
+        raise BagTruncated(NOTHING.format(path.name, reasons[0]), where=path)
     logs = [log for group in groups.values() for log in group]
     count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
     seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
@@ -96,7 +98,7 @@ def list_topics(path: Path) -> dict[str, Topic]:
                 for some in _scan(part) if part.suffix not in ROS2 else ():
                     counts[some.topic] += len(some.starts)
             if not counts:
-                raise _nothing_readable(part, str(error)) from None
+                raise BagTruncated(NOTHING.format(part.name, error), where=part) from None
     return {topic.name: replace(topic, count=count) for topic, count in counts.items()}
 
 
@@ -105,33 +107,19 @@ def parts_of(path: Path) -> list[Path]:
 
     Raises:
         LogNotFound: a folder without any.
+        BagTruncated: a file of it is empty.
     """
-    if not path.is_dir():
-        return [path]
-    parts = [part for part in path.iterdir() if part.suffix in ROS2 and part.is_file()]
+    parts = [path]
+    if path.is_dir():
+        parts = [part for part in path.iterdir() if part.suffix in ROS2 and part.is_file()]
+        # Why: rosbag2 numbers the parts of a recording at the end of their names, 9 before 10.
+        parts.sort(key=lambda p: ([int(k) for k in re.findall(r"\d+", p.stem)[-1:]], p.name))
     if not parts:
-        fix = "check the path"
-        for packed in path.glob("*.zstd"):
-            fix = f"unpack it with: {shell('zstd', '-d', packed)}"
-        raise LogNotFound(f"{path} has no .db3 or .mcap file", where=path, fix=fix)
-    # Why: rosbag2 numbers the parts of a recording at the end of their names, 9 before 10.
-    return sorted(parts, key=lambda p: ([int(k) for k in re.findall(r"\d+", p.stem)[-1:]], p.name))
-
-
-def _nothing_readable(path: Path, reason: str) -> BagTruncated:
-    """Return the mistake of a recording without one readable message."""
-    if path.suffix in (".bag", ".active"):
-        return BagTruncated(
-            f"{path.name} ends early (recorder killed?); 0 s are readable", where=path
-        )
-    better = path.with_name(f"{path.stem}_recovered{path.suffix}")
-    fixes = {
-        ".mcap": shell("mcap", "recover", path, "-o", better),
-        ".db3": f"{shell('sqlite3', path, '.recover')} | {shell('sqlite3', better)}",
-    }
-    text = f"{path.name} was cut or not closed: {reason.rstrip('.')}"
-    fix = fixes.get(path.suffix, shell("ros2", "bag", "reindex", path))
-    return BagTruncated(text, where=path, fix=fix)
+        raise LogNotFound(f"{path} has no .db3 or .mcap file", where=path)
+    for part in parts:
+        if not part.stat().st_size:
+            raise BagTruncated(f"{part.name} is empty: nothing was recorded", where=part)
+    return parts
 
 
 def _counted(part: Path) -> Counter[Topic]:
@@ -192,10 +180,6 @@ def _opened(part: Path) -> Iterator[Reader]:
     """Open one file of a recording of ROS 2; ``Broken`` where it is damaged."""
     from rosbags.rosbag2 import Reader
 
-    if not part.stat().st_size:
-        raise BagTruncated(
-            f"{part.name} is empty: nothing was recorded", where=part, fix="record again"
-        )
     journal = part.with_name(f"{part.name}-wal")
     if journal.is_file() and journal.stat().st_size:
         raise BagTruncated(
@@ -221,24 +205,15 @@ def _walk(path: Path, *, chunks: bool = True) -> Iterator[tuple[bytes, Fields, b
 
     Raises:
         Broken: behind the last readable record, or where there is no index.
-        BagTruncated: the bag is empty.
         LogNotFound: it is no bag that can be read.
     """
     with path.open("rb") as stream:
         start, index = stream.read(len(MAGIC)), 0
-        if not start:
-            raise BagTruncated(
-                f"{path.name} is empty: nothing was recorded", where=path, fix="record again"
-            )
-        if not start.startswith(b"#ROSBAG V"):
-            fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
-            raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=path, fix=fix)
         if start != MAGIC:
-            version = start.decode("latin-1").strip()
             raise LogNotFound(
-                f"{path.name} has the format {version}; dynid reads V2.0",
+                f"{path.name} is not a ROS 1 bag of version 2.0",
                 where=path,
-                fix="convert it with: rosbag fix",
+                fix=f"see what it is: {shell('file', path)}",
             )
         while head := stream.read(4):
             fields = _fields(stream.read(int.from_bytes(head, "little")))
@@ -302,11 +277,8 @@ def _fields(header: bytes) -> Fields:
 def _remembered(fields: Fields, data: bytes, known: dict[bytes, Topic]) -> Topic:
     """Return the topic of a connection; messages name it by its number."""
     facts = _fields(data) | fields
-    name, kind, md5 = (
-        facts.get(key, b"").decode("utf-8", "replace") for key in (b"topic", b"type", b"md5sum")
-    )
-    name = re.sub("/+", "/", name).removesuffix("/")
-    topic = known[fields[b"conn"]] = Topic(name, kind, md5=md5)
+    name, kind = (facts.get(key, b"").decode("utf-8", "replace") for key in (b"topic", b"type"))
+    topic = known[fields[b"conn"]] = Topic(re.sub("/+", "/", name).removesuffix("/"), kind)
     return topic
 
 

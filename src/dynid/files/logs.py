@@ -54,33 +54,14 @@ def format_of(path: Path) -> str:
     if path.is_dir():
         inside = any(part.suffix in (".db3", ".mcap") for part in path.iterdir())
         return "bag" if inside or (path / "metadata.yaml").is_file() else "folder"
-    if not path.exists():
-        raise LogNotFound(f"no such file {path}{_nearby(path)}", where=path)
     if not path.is_file():
-        raise LogNotFound(f"cannot read {path}: it is no regular file", where=path)
-    if path.suffix in FORMATS:
-        return FORMATS[path.suffix]
-    try:
-        with path.open("rb") as stream:
-            if stream.read(7) == b"#ROSBAG":
-                return "bag"
-    except OSError as error:
-        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=path) from error
-    raise LogNotFound(
-        f"{path} is not a log",
-        where=path,
-        fix=f"give a {', '.join(FORMATS)} file, or a folder of rosbag2 or with position.txt and torque.txt",
-    )
-
-
-def _nearby(path: Path) -> str:
-    """Return the logs in the folder of a missing one, the most similar names first."""
-    folder = path.parent
-    if not folder.is_dir():
-        return f"; there is no folder {folder}"
-    logs = [each.name for each in folder.iterdir() if each.suffix in FORMATS or each.is_dir()]
-    alike = difflib.get_close_matches(path.name, sorted(logs), n=3, cutoff=0.5)
-    return f"; nearby: {', '.join(alike)}" if alike else ""
+        logs = [each.name for each in path.parent.glob("*") if each.suffix in FORMATS]
+        alike = difflib.get_close_matches(path.name, sorted(logs), n=3, cutoff=0.5)
+        nearby = f"; nearby: {', '.join(alike)}" * bool(alike)
+        raise LogNotFound(f"no such file {path}{nearby}", where=path)
+    if path.suffix not in FORMATS:
+        raise LogNotFound(f"{path} is not a log", where=path, fix=LogNotFound.why)
+    return FORMATS[path.suffix]
 
 
 def read_log(

@@ -25,7 +25,6 @@ from dynid.robot import Robot
 from dynid.text import column, yaml_word
 
 SCHEMA = "dynid/trajectory/1"
-SHAPES = {"t": "T", "q": "T n", "qd": "T n", "qdd": "T n", "coefficients": "_ n"}
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         NotAnArtifact: not a trajectory, or damaged: the samples are not those that the header names.
         JointCountDiffers: it belongs to another arm.
     """
-    artifact = read_artifact(path, SCHEMA, SHAPES)
+    artifact = read_artifact(path, SCHEMA)
     header, arrays = dict(artifact.header), artifact.arrays
     with reading(path):
         motion = Motion(*(arrays[key] for key in ("t", "q", "qd", "qdd")))

@@ -353,8 +353,7 @@ def read_record(path: Path) -> GapRecord:
     Raises:
         NotAnArtifact: it is damaged, or of another kind.
     """
-    shapes = {**dict.fromkeys(_IMPROVEMENT, "n"), "ratio": "n 2", "simulation": "_ n"}
-    artifact = read_artifact(path, SCHEMA, shapes)
+    artifact = read_artifact(path, SCHEMA)
     with reading(path):
         facts, arrays = dict(artifact.header["record"]), artifact.arrays
         facts["improvement"] = {name: arrays[name] for name in _IMPROVEMENT}

@@ -196,8 +196,8 @@ def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTor
 # ---------------------------------------------------------------- on disk
 REGRESSOR, FULL = "dynid/regressor/1", "dynid/fullregressor/1"
 _PROGRAM = ("op", "lhs", "rhs", "rows", "cols", "outputs")
-#: What any file has that holds base parameters.
-REDUCTION_SHAPES = {"base": "p", "K": "p c", "singular_values": "_"}
+#: Arrays of any file that holds base parameters.
+_REDUCTION = ("base", "K", "singular_values")
 _LISTS = ("alone", "none", "combined", "formulas")
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
 DERIVATION = 3
@@ -249,7 +249,7 @@ def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
 
 def load_reduction(path: Path) -> Reduction:
     """Read fullregressor.npz."""
-    artifact = read_artifact(path, FULL, REDUCTION_SHAPES)
+    artifact = read_artifact(path, FULL)
     with reading(path):
         return reduction_from(artifact.header, artifact.arrays)
 
@@ -263,7 +263,7 @@ def reduction_facts(reduction: Reduction) -> tuple[dict[str, Any], dict[str, NDA
         "gap": reduction.gap if np.isfinite(reduction.gap) else None,
         **{key: list(getattr(reduction, key)) for key in _LISTS},
     }
-    return facts, {key: getattr(reduction, key) for key in REDUCTION_SHAPES}
+    return facts, {key: getattr(reduction, key) for key in _REDUCTION}
 
 
 def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Reduction:
@@ -271,7 +271,7 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
 
     Args:
         facts: of the header.
-        arrays: with the shapes of ``REDUCTION_SHAPES``.
+        arrays: ``base`` (p,), ``K`` (p, c) and ``singular_values``.
     """
     return Reduction(
         names=tuple(facts["parameters"]),

@@ -16,7 +16,7 @@ from dynid.robot import Robot
 from dynid.table import Table
 
 SCHEMA = "dynid/simulator_gap/1"
-SHAPES = {"t": "N", "q": "N n", "simulated": "models N n", "added": "models N n"}
+ARRAYS = ("t", "q", "simulated", "added")
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,7 +92,7 @@ class SimulatorGap(Answered):
         """Write it as a file that ``load`` reads and the report shows."""
         header = {key: getattr(self, key) for key in ("log", "engine", "models")}
         header["joints"] = self.robot.joint_names
-        arrays = {key: getattr(self, key) for key in SHAPES}
+        arrays = {key: getattr(self, key) for key in ARRAYS}
         write_artifact(path, SCHEMA, header, arrays)
         return path
 
@@ -104,13 +104,13 @@ class SimulatorGap(Answered):
             NotAnArtifact: the file is damaged, or of another kind.
             JointCountDiffers: it is of another arm.
         """
-        artifact = read_artifact(path, SCHEMA, SHAPES)
+        artifact = read_artifact(path, SCHEMA)
         with reading(path):
             joints, log, engine, models = (
                 artifact.header[key] for key in ("joints", "log", "engine", "models")
             )
+            arrays = [artifact.arrays[key] for key in ARRAYS]
         robot.require_joints(joints, path)
-        arrays = (artifact.arrays[key] for key in SHAPES)
         return cls(robot, log, engine, tuple(models), *arrays)
 
     def answer(self) -> Answer:
