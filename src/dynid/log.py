@@ -114,7 +114,7 @@ class Log(Answered):
             self._set("extra", self.extra | further)
         self._set("names", tuple(str(name) for name in self.names))
         if self.names and len(self.names) != self.n:
-            raise self._wrong(f"names {len(self.names)} joints but has {self.n} columns")
+            raise self._wrong(f"{len(self.names)} names for {self.n} columns")
         for key, unit in self.units.items():
             if key not in FACTORS or unit not in FACTORS[key]:
                 raise self._wrong(
@@ -127,17 +127,14 @@ class Log(Answered):
         object.__setattr__(self, name, value)
 
     def _wrong(self, text: str) -> LogLayout:
-        between = " " if text.startswith("names") else ": "
-        return LogLayout(f"{self.name}{between}{text}", where=self.source or "")
+        return LogLayout(f"{self.name}: {text}", where=self.source or "")
 
     def _floats(self, key: str, values: ArrayLike) -> Floats:
         try:
-            array = np.asarray(values)
-        except ValueError:
-            raise self._wrong(f"array '{key}' has rows of different lengths") from None
-        if not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array):
-            raise self._wrong(f"array '{key}' holds no numbers")
-        return np.asarray(array, dtype=np.float64)
+            return np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            text = f"array '{key}' holds no numbers, or rows of different lengths"
+            raise self._wrong(text) from None
 
     def _columns(self, key: str, values: ArrayLike, quantity: str = "any") -> NDArray[Any]:
         array: NDArray[Any] = self._floats(key, values) if quantity else np.asarray(values)
@@ -206,15 +203,26 @@ class Log(Answered):
             PackageMissing: pandas is not installed.
         """
         try:
-            import pandas as pd
+            from pandas import DataFrame
         except ImportError as error:
             raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from error
-        names = self.names or tuple(f"joint_{k + 1}" for k in range(self.n))
-        kinds = {key: x for key, x in self.columns.items() if key in ("q", "qd", "tau")}
-        columns = [f"{kind}_{name}" for kind in kinds for name in names]
-        return pd.DataFrame(
-            np.hstack(list(kinds.values())), index=pd.Index(self.t, name="t"), columns=columns
-        )
+        return DataFrame(self.named_columns()).set_index("t")
+
+    def named_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of a table by name, (N,) each; those without any number were never recorded."""
+        joints = list(self.names) or [f"joint_{k + 1}" for k in range(self.n)]
+        tables = {
+            "i" if kind == "tau" and self.tau_unit == "A" else kind: values
+            for kind, values in self.columns.items()
+            if COLUMNS[kind] and np.isfinite(values).any()
+        }
+        columns = {"t": self.t}
+        for key, values in (tables | self.further()).items():
+            table = values.reshape(len(self), -1)
+            names = joints if values.shape == self.q.shape else range(table.shape[1])
+            for k, name in enumerate(names):
+                columns[key if values.ndim == 1 else f"{key}_{name}"] = table[:, k]
+        return columns
 
     def further(self) -> dict[str, NDArray[Any]]:
         """Return what stands in ``extra`` beside ``COLUMNS`` and has a row of numbers per sample, (N, ...)."""

@@ -455,18 +455,8 @@ class Robot(Answered):
 
     @property
     def editable(self) -> str:
-        """The file, in words, into which a person writes a further line of the robot file.
-
-        Why: a URDF has no place for it, and a robot file that came with dynid is gone with the next installation.
-        """
-        source, _, tip = (self.source or "").partition(".urdf#")
-        if tip or source.lower().endswith(".urdf"):
-            urdf = shlex.join([f"{source}.urdf", "--tip", tip] if tip else [source])
-            return f"the robot file that `dynid import {urdf}` makes"
-        path = self.path
-        if path is not None and path.is_absolute() and self.source not in (None, "", str(path)):
-            return f"a copy of {path}"
-        return str(path or "the robot file")
+        """The file, in words, into which a person writes a further line of the robot file."""
+        return str(self.path or "the robot file")
 
     @property
     def identified_links(self) -> tuple[int, ...]:

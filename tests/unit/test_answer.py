@@ -1,11 +1,7 @@
 """An answer says the same on a terminal, in a notebook and to a program."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import pytest
 
-from dynid import load_robot
 from dynid.answer import Answer, Answered
 from dynid.errors import Finding
 from dynid.table import Table, with_error
@@ -56,24 +52,3 @@ def test_a_notebook_shows_text_as_text_and_tables_as_tables():
 )
 def test_a_value_has_the_digits_that_its_error_leaves(value, error, text):
     assert with_error(value, error) == text
-
-
-# ---------------------------------------------------------------- where a line of a robot file is written
-@pytest.mark.parametrize(
-    ("source", "path", "said"),
-    [
-        ("my arm.urdf", None, "the robot file that `dynid import 'my arm.urdf'` makes"),
-        ("arm.urdf#hand", None, "the robot file that `dynid import arm.urdf --tip hand` makes"),
-        ("my_arm.yaml", Path("my_arm.yaml"), "my_arm.yaml"),
-        ("/lab/my_arm.yaml", Path("/lab/my_arm.yaml"), "/lab/my_arm.yaml"),
-        (None, None, "the robot file"),
-    ],
-)
-def test_lines_go_where_they_stay(source, path, said):
-    assert replace(load_robot("scara"), source=source, path=path).editable == said
-
-
-def test_a_robot_file_that_came_with_dynid_is_copied_first(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    robot = load_robot("ur10")
-    assert robot.editable == f"a copy of {robot.path}"

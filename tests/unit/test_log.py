@@ -36,9 +36,8 @@ def test_anything_that_numpy_understands_becomes_float64():
         ({"qd": np.ones((5, 1))}, r"array 'qd' is \(5, 1\), expected \(5, 2\)"),
         ({"extra": {"q_ref": np.ones(5)}}, r"array 'q_ref' is \(5,\), expected \(5, 2\)"),
         ({"tau": [["a", "b"]] * 5}, "array 'tau' holds no numbers"),
-        ({"tau": np.ones((5, 2)) * 1j}, "array 'tau' holds no numbers"),
-        ({"q": [[1, 2], [3]]}, "array 'q' has rows of different lengths"),
-        ({"names": ("one",)}, "the log names 1 joints but has 2 columns"),
+        ({"q": [[1, 2], [3]]}, "array 'q' holds .* rows of different lengths"),
+        ({"names": ("one",)}, "the log: 1 names for 2 columns"),
         ({"units": {"position": "gon"}}, "units.position = gon is not known; known: rad, deg"),
         (
             {"units": {"place": "rad"}},

@@ -47,10 +47,11 @@ THERE = click.Path(exists=True, path_type=Path)
 )
 @click.option(
     "--engine",
-    type=click.Choice(["mujoco", "pybullet"]),
+    type=click.Choice(["mujoco"]),
     default="mujoco",
     show_default=True,
     help="Simulator that --compare loads the exported files in.",
+    expose_value=False,
 )
 def simulate_command(
     session: Session,
@@ -59,11 +60,10 @@ def simulate_command(
     source: Path,
     options: SimulateOptions,
     compare: Path | None,
-    engine: str,
 ) -> Answer:
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     if compare is not None:
-        return compared(session, Path(robot), source, compare, engine)
+        return compared(session, Path(robot), source, compare)
     arm = load_robot(session, robot, tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
@@ -76,12 +76,12 @@ def simulate_command(
     return replace(simulation.answer(), wrote=wrote, next=[step])
 
 
-def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answer:
+def compared(session: Session, before: Path, after: Path, log: Path) -> Answer:
     """Drive the exported files of two results along a log and answer with the errors."""
     work = workflows.simulator_gap
-    gap = work.compare_in_simulator([before, after], log, engine=engine)
+    gap = work.compare_in_simulator([before, after], log)
     folder = session.out or (after if after.is_dir() else after.parent)
-    wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{engine}.png")]
+    wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{gap.engine}.png")]
     return replace(gap.answer(), wrote=wrote)
 
 

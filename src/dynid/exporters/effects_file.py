@@ -9,7 +9,7 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.exporters import mjcf, urdf
 from dynid.exporters.code import imported, rendered
-from dynid.exporters.engines import module, own_torques, quiet
+from dynid.exporters.engines import own_torques, quiet
 from dynid.exporters.formulas import without_torque, written
 from dynid.exporters.interface import STEP_S, Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
@@ -66,14 +66,15 @@ def wanted(arm: IdentifiedArm, formats: tuple[str, ...]) -> bool:
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it with an MJCF in MuJoCo; what remembers is compared along the states."""
-    engine = module("mujoco")
-    if engine is None or mjcf.negative_numbers(arm):
+    import mujoco
+
+    if mjcf.negative_numbers(arm):
         return None
     with quiet():
-        model = engine.MjModel.from_xml_string(mjcf.text(arm))
+        model = mujoco.MjModel.from_xml_string(mjcf.text(arm))
     what = "all that is not left out" if without_torque(arm.robot) else "all"
     theirs = stepped(imported(text).Mujoco(model))
-    return Loaded(f"MuJoCo {engine.__version__}", what, theirs, own_torques(arm, own_values(arm)))
+    return Loaded(f"MuJoCo {mujoco.__version__}", what, theirs, own_torques(arm, own_values(arm)))
 
 
 def own_values(arm: IdentifiedArm) -> dict[str, float]:

@@ -1,17 +1,13 @@
-"""Written files in MuJoCo, which computes their inverse dynamics, and in PyBullet; dynid's own torques."""
+"""Written files in MuJoCo, which computes their inverse dynamics, and dynid's own torques."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
@@ -27,15 +23,6 @@ def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:
     gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
     every = np.arange(model.size)
     return lambda q, qd, qdd: with_effects(arm, model, every, (q, qd, qdd)) @ gamma
-
-
-def module(name: str) -> Any | None:  # noqa: ANN401 - engines have no types
-    """Return a module if it is installed."""
-    try:
-        with quiet():
-            return importlib.import_module(name)
-    except ImportError:
-        return None
 
 
 @contextmanager
@@ -75,8 +62,8 @@ def in_mujoco(
     what: str,
     values: Mapping[str, float],
     mapping: JointMap | None = None,
-) -> Loaded | None:
-    """Load an MJCF or a bare URDF in MuJoCo; None where that is not installed.
+) -> Loaded:
+    """Load an MJCF or a bare URDF in MuJoCo.
 
     Dry friction is left out: there it is a soft constraint, not a torque. Joints without a name here stay at zero.
 
@@ -88,14 +75,13 @@ def in_mujoco(
         values: parameters by name whose torques the file has.
         mapping: from its joint values to the arm's; None where they are the same.
     """
-    engine = module("mujoco")
-    if engine is None:
-        return None
+    import mujoco
+
     with quiet():
-        model = engine.MjModel.from_xml_string(text)
+        model = mujoco.MjModel.from_xml_string(text)
     model.opt.gravity[:] = arm.robot.world_gravity
-    model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_CONSTRAINT
-    data, joints = engine.MjData(model), [model.joint(name) for name in names]
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data, joints = mujoco.MjData(model), [model.joint(name) for name in names]
     places = [joint.qposadr[0] for joint in joints]
     dofs = [joint.dofadr[0] for joint in joints]
     sign, offset = np.array([mapping.sign, mapping.offset] if mapping else [[1.0], [0.0]])
@@ -104,35 +90,8 @@ def in_mujoco(
         tau = np.empty_like(q)
         for k, state in enumerate(zip(q - offset, qd, qdd, strict=True)):
             data.qpos[places], data.qvel[dofs], data.qacc[dofs] = sign * state
-            engine.mj_inverse(model, data)
+            mujoco.mj_inverse(model, data)
             tau[k] = sign * data.qfrc_inverse[dofs]
         return tau
 
-    return Loaded(f"MuJoCo {engine.__version__}", what, run, own_torques(arm, values))
-
-
-def bullet_body(text: str, gravity: Floats) -> tuple[int, int]:
-    """Load a URDF in a physics server of PyBullet, which must be installed; return server and body.
-
-    Args:
-        text: of the file.
-        gravity: in the world frame, (3,) [m/s^2].
-
-    Raises:
-        ValueError: PyBullet refuses the file.
-    """
-    engine = module("pybullet")
-    assert engine is not None
-    with quiet(), TemporaryDirectory() as folder:
-        bare = Path(folder) / "bare.urdf"
-        bare.write_text(bare_urdf(text), encoding="utf-8")
-        client = engine.connect(engine.DIRECT)
-        flags = engine.URDF_USE_INERTIA_FROM_FILE
-        try:
-            body = engine.loadURDF(
-                str(bare), useFixedBase=True, flags=flags, physicsClientId=client
-            )
-        except engine.error as error:
-            raise ValueError(f"PyBullet: {error}") from error
-    engine.setGravity(*gravity.tolist(), physicsClientId=client)
-    return client, body
+    return Loaded(f"MuJoCo {mujoco.__version__}", what, run, own_torques(arm, values))

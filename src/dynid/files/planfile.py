@@ -13,12 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.errors import (
-    JointCountDiffers,
-    LogLayout,
-    PositionInDegrees,
-    TimeNotIncreasing,
-)
+from dynid.errors import JointCountDiffers, LogLayout, TimeNotIncreasing
 from dynid.files import tuning
 from dynid.files.robotkeys import (
     NUMBER,
@@ -108,16 +103,14 @@ def read_plan(path: Path, robot: Robot) -> PlanFile:
     """Read a plan file."""
     root = read_yaml(path)
     keys = root.mapping(list(_KEYS))
-    unit = unit_of(keys)
-    given = root.within(angle_unit=unit, joints=robot.joints).read(_KEYS)
+    given = root.within(angle_unit=unit_of(keys), joints=robot.joints).read(_KEYS)
     waypoints = None
     if "waypoints" in given:
         q = np.array(given["waypoints"]).reshape(-1, robot.n)
         if "times" in keys:
             keys["times"].items(len(q))
         times = np.array(given["times"]) if "times" in given else None
-        fix = f"write `angle_unit: {'deg' if unit == 'rad' else 'rad'}`"
-        waypoints = _checked(Waypoints(q, times), robot, path, fix)
+        waypoints = _checked(Waypoints(q, times), path)
     options = {name: given[name] for name in OPTIONS if given.get(name) is not None}
     return PlanFile(
         options=options,
@@ -135,58 +128,39 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         LogLayout: a row is not numbers, or a column is missing.
         JointCountDiffers: another number of columns than joints.
         TimeNotIncreasing: the times do not increase.
-        PositionInDegrees: angles beyond two turns.
     """
     try:
         table = text_table(path)
         rows = table.read()
     except LogLayout as error:
         raise LogLayout(error.what, where=error.where, **_LAYOUT) from error
-    for k in np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1)):
-        raise LogLayout(
-            f"{path}: row {k + 1} is not {rows.shape[1]} numbers up to {LARGEST:g}",
-            where=path,
-            **_LAYOUT,
-        )
     names = [name.removeprefix("q_") for name in table.names]
-    times = None
+    times = rows[:, names.index("t")] if "t" in names else None
     if names:
-        times = rows[:, names.index("t")] if "t" in names else None
-        missing = [name for name in robot.joint_names if name not in names]
-        if missing:
-            raise LogLayout(
-                f"{path} has no column {missing[0]}; it has {', '.join(names)}",
-                where=path,
-                **_LAYOUT,
-            )
+        for name in robot.joint_names:
+            if name not in names:
+                text = f"{path} has no column {name}; it has {', '.join(names)}"
+                raise LogLayout(text, where=path, **_LAYOUT)
         rows = rows[:, [names.index(name) for name in robot.joint_names]]
-    elif rows.shape[1] == robot.n + 1:
-        times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
         raise JointCountDiffers(
             f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=path
         )
-    fix = "write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578"
-    return _checked(Waypoints(rows, times), robot, path, fix)
+    return _checked(Waypoints(rows, times), path)
 
 
-def _checked(waypoints: Waypoints, robot: Robot, path: Path, fix: str) -> Waypoints:
-    q = waypoints.q
-    if len(q) < 2:
+def _checked(waypoints: Waypoints, path: Path) -> Waypoints:
+    for k in np.flatnonzero(~np.all(np.abs(waypoints.q) <= LARGEST, axis=1)):
+        text = f"{path}: row {k + 1} is not numbers up to {LARGEST:g}"
+        raise LogLayout(text, where=path, **_LAYOUT)
+    if len(waypoints.q) < 2:
         raise LogLayout(
-            f"{path} has {len(q)} waypoints; a motion needs at least 2", where=path, **_LAYOUT
+            f"{path} has {len(waypoints.q)} waypoints; a motion needs at least 2",
+            where=path,
+            **_LAYOUT,
         )
     if waypoints.times is not None:
-        for k in np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S):
+        for k in np.flatnonzero(~(np.diff(waypoints.times) >= tuning.LEAST_WAYPOINT_STEP_S)):
             least = f"{tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {k + 1}"
             raise TimeNotIncreasing(f"waypoint {k + 2} must be at least {least}", where=path)
-    far = np.abs(q) * robot.turning
-    if far.max() > tuning.MOST_WAYPOINT_RAD:
-        k, j = np.unravel_index(far.argmax(), far.shape)
-        raise PositionInDegrees(
-            f"{path}: {robot.joint_names[j]} is {q[k, j]:g} rad at waypoint {k + 1}",
-            where=path,
-            why="that is more than two turns: probably another unit is meant",
-            fix=fix,
-        )
     return waypoints

@@ -6,7 +6,6 @@ Reads ``robots/*.yaml``, a path, or the files inside the package. The keys are d
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import fields, is_dataclass, replace
@@ -26,22 +25,6 @@ from dynid.files.robotkeys import A_PRIOR, INERTIA, ROBOT, SNAP_STEP, read_joint
 from dynid.files.yamlfile import Value, parse_yaml, read_text, read_yaml
 from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource
 from dynid.text import closest, printable, yaml_text
-
-#: Other usual names of arms, without signs, and the robot file that a person probably means.
-USUAL_ROBOTS = {
-    "emika": "franka_panda",
-    "fer": "franka_panda",
-    "franka": "franka_panda",
-    "jaco": "kinova_gen2",
-    "jaco2": "kinova_gen2",
-    "lbr": "iiwa",
-    "lbriiwa": "iiwa",
-    "lwr": "kuka_lwr4plus",
-    "lwr4": "kuka_lwr4plus",
-    "kukalwr": "kuka_lwr4plus",
-    "lbr4": "kuka_lwr4plus",
-    "ufactory": "xarm7",
-}
 
 
 def known_robots() -> dict[str, Path]:
@@ -64,27 +47,12 @@ def find_robot(name: str) -> Path:
     known = known_robots()
     if name in known:
         return known[name]
-    names = ", ".join(sorted(known))
-    if name.endswith((".yaml", ".yml", ".urdf")) or "/" in name:
-        raise RobotNotFound(
-            f"no robot file '{name}'{closest(name, known)}",
-            where=name,
-            fix=f"known robots: {names}",
-        )
+    inside = [each for each in sorted(known) if name and name.lower() in each]
+    meant = f"; did you mean '{min(inside, key=len)}'?" if inside else closest(name, known)
     raise RobotNotFound(
-        f"no robot '{name}'{suggestion(name, known)}", fix=f"known: {names}; or give a path"
+        f"no robot '{name}'{meant}",
+        fix=f"known: {', '.join(sorted(known))}; or give a path",
     )
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'x'?`` for the robot that a name is likely to mean, or an empty string."""
-    word = _letters(USUAL_ROBOTS.get(_letters(name), name))
-    inside = [each for each in sorted(known) if len(word) > 1 and word in _letters(each)]
-    return f"; did you mean '{min(inside, key=len)}'?" if inside else closest(name, known)
-
-
-def _letters(name: str) -> str:
-    return "".join(filter(str.isalnum, name.lower()))
 
 
 def load_robot(name: str | Path) -> Robot:
@@ -135,7 +103,7 @@ def _check_gravity(value: Value, robot: Robot, mount: str) -> None:
     """Refuse a gravity that no place on Earth has; say so where it points up in the world (W206)."""
     size = math.hypot(*robot.gravity)
     if size and not tuning.GRAVITY[0] <= size <= tuning.GRAVITY[1]:
-        hint = "; cm?" if 960 <= size <= 990 else "; in g?" if 0.9 <= size <= 1.1 else ""
+        hint = "; cm?" if 960 <= size <= 990 else ""
         shown = ", ".join(f"{g:g}" for g in robot.gravity)
         raise value.wrong(f" is ({shown}): {size:g} m/s^2{hint}", kind=ImplausibleGravity)
     world = robot.world_gravity

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from dynid.files.yamlfile import Reader, Value
 from dynid.options import number_or_nan
 from dynid.robot import (
     FRICTION_PARAMETERS,
-    MOST_JOINTS,
     Body,
     Coulomb,
     Coupling,
@@ -41,8 +39,6 @@ Keys = dict[str, Reader]
 SNAP_STEP = math.pi / 12
 #: Least size of what has to be there, in whatever unit: it is divided by, and its powers are.
 LEAST = 1e-12
-#: Names go into file names, of which systems keep 255 characters.
-LONGEST_NAME = 100
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free", "unknown")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 TEXT, NUMBER = Value.text, Value.number
@@ -139,14 +135,6 @@ def by_link(read: Reader) -> Reader:
 
 
 # ---------------------------------------------------------------- readers of single keys
-def _name(value: Value) -> str:
-    """Return a name that a page can show and a simulator can hold: PyBullet ends the process on others."""
-    name = value.text()
-    if not 1 <= len(name) <= LONGEST_NAME:
-        raise value.wrong(f" has {len(name)} characters; a name has 1 to {LONGEST_NAME}")
-    return name
-
-
 def _dh_angle(value: Value) -> float:
     """Read a DH angle; refuse more than a full turn, snap near-misses such as 1.5708 and say so."""
     angle = value.angle()
@@ -174,8 +162,6 @@ def coordinate(value: Value) -> float:
 def read_joints(value: Value) -> tuple[Joint, ...]:
     """Return the joints of a robot file."""
     items = value.items()
-    if len(items) > MOST_JOINTS:
-        raise value.wrong(f": {len(items)} joints; a robot has at most {MOST_JOINTS}")
     if not items:
         raise value.wrong(" is empty")
     joints = {}
@@ -200,8 +186,7 @@ def _mass(value: Value) -> float:
 def _sign(value: Value) -> float:
     sign = value.number()
     if sign not in (1.0, -1.0):
-        listed = replace(value, path=value.path.partition("[")[0])
-        raise listed.wrong(f" entries are 1 or -1, not {sign:g}")
+        raise value.wrong(f" = {sign:g} must be 1 or -1")
     return sign
 
 
@@ -221,20 +206,6 @@ def _share(value: Value) -> float:
     if not 0.0 <= share < 1.0:
         raise value.wrong(f" = {text} must be a share from 0 to below 100 %", "such as 5%")
     return share
-
-
-def _torque(value: Value) -> TorqueSource:
-    if not value.is_mapping:
-        return TorqueSource(value.choice(TORQUE_SOURCES))
-    return TorqueSource(**value.read(TORQUE))
-
-
-def _noise(value: Value) -> tuple[float, ...]:
-    each = or_null(positive(NUMBER, "it is a standard deviation in N m"))
-    noise: tuple[float, ...] = per_joint(each, shared=True)(value)
-    if None in noise:
-        raise value.wrong(": it is missing for a joint")
-    return noise
 
 
 def _joint_map(value: Value, given: dict[str, Any]) -> JointMap:
@@ -317,7 +288,7 @@ LIMITS: Keys = {
     "torque": or_null(positive(NUMBER)),
 }
 JOINT: Keys = {
-    "name": _name,
+    "name": TEXT,
     "type": choice("revolute", "prismatic"),
     "a": NUMBER,
     "twist": _dh_angle,
@@ -333,7 +304,7 @@ TORQUE: Keys = {
     "source": choice(*TORQUE_SOURCES),
     "gain": or_null(per_joint(GAIN, shared=True)),
     "relative": Value.flag,
-    "noise": _noise,
+    "noise": per_joint(positive(NUMBER, "it is a standard deviation in N m"), shared=True),
     "gain_error": _share,
 }
 UNITS: Keys = {quantity: choice(*units) for quantity, units in FACTORS.items()}
@@ -379,7 +350,7 @@ KNOWN: Keys = {
 A_PRIOR = mapping(PRIOR, Prior, either=("cylinders", "links"))
 #: Why the joints are read separately: all other keys depend on their number and on which of them are revolute.
 ROBOT: Keys = {
-    "name": _name,
+    "name": TEXT,
     "convention": choice("standard", "modified"),
     "angle_unit": choice(*ANGLE),
     "gravity": VECTOR,
@@ -387,7 +358,7 @@ ROBOT: Keys = {
     "base": mapping(BASE, dict),
     "joints": lambda value: value.context.joints,
     "links": _links,
-    "torque": _torque,
+    "torque": mapping(TORQUE, TorqueSource),
     "driver": _driver,
     "simulator": lambda value: _joint_map(value, value.read(SIMULATOR)),
     "prior": A_PRIOR,

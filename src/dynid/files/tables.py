@@ -117,29 +117,23 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
         name: of their column, which may end with their unit.
         where: name of the file, for the message.
     """
-    known = t[np.isfinite(t)]
-    steps = np.diff(known)
+    steps = np.diff(t[np.isfinite(t)])
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    start, end = (float(known[0]), float(known[-1])) if len(known) else (0.0, 0.0)
     unit, level, said = time_unit(name)[1], "info", f"as the name of {name} says"
-    if unit not in _LONG:
-        # Stamps of a calendar count from 1970; others show their unit by their step.
-        first, last = tuning.CALENDAR_S
-        likely = [each for each, factor in SECONDS.items() if first < start * factor < last]
-        if len(known) >= tuning.LEAST_STAMPS:
-            likely += [each for each, (low, high) in tuning.STEPS.items() if low <= step < high]
-        unit, level = next(iter(likely), "s"), "warning"
-        said = f"a step of {step:.4g} in {name} can be nothing else"
+    if not unit:
+        unit = next((each for each, most in tuning.STEPS.items() if step < most), "s")
+        level, said = "warning", f"a step of {step:.4g} in {name} can be nothing else"
     if unit == "s":
         return t, ()
-    factor = SECONDS[unit]
-    span, offset = (end - start) * factor, start * factor
+    factor, start = SECONDS[unit], t[np.isfinite(t)][0]
+    seconds = (t - start) * factor
+    span = float(np.nanmax(seconds))
     rate = f" at {1 / (step * factor):.4g} Hz" if step else ""
     text = f"{where}: the stamps are {_LONG[unit]} ({span:.1f} s{rate}), {said}"
     noticed = Finding("W328", level, text, {"unit": unit, "seconds": span})
     # Why subtracted first: stamps of the calendar have more digits in ns than a number holds after the product.
-    far = abs(offset) > tuning.CALENDAR_FROM_S
-    return (t - start) * factor + (0.0 if far else offset), (noticed,)
+    far = abs(start * factor) > tuning.CALENDAR_FROM_S
+    return seconds + (0.0 if far else start * factor), (noticed,)
 
 
 # ---------------------------------------------------------------- which columns
@@ -183,9 +177,8 @@ def _time_column(table: TextTable, given: str | None, rate: float | None) -> str
     column = given or next(filter(is_time, table.names), None)
     if column in table.names or (rate is not None and not given):
         return column
-    guess = suggested(table.names).get("time")
-    fix = f"under `driver:` in the robot file: columns: {{time: {guess}}}" if guess else ""
-    raise _absent(table, f"'{given or 't'}'", fix or "add the column t, or give --rate")
+    fix = "name it in the robot file, `driver: columns: {time: ...}`, or give --rate"
+    raise _absent(table, f"'{given or 't'}'", fix)
 
 
 def _absent(table: TextTable, name: str, fix: str = "") -> LogLayout:
@@ -230,29 +223,22 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
     names: list[str] = []
     t: Floats | None = None
     arrays: dict[str, Floats] = {}
-    for key in ("position", "velocity", "torque", "time"):
-        file = path / f"{key}.txt"
+    for file in (path / f"{key}.txt" for key in ("position", "velocity", "torque", "time")):
         if not file.is_file():
             continue
         table = text_table(file)
         heads, values = table.names, table.read()
-        if key == "time" or (heads and is_time(heads[0])):
-            t = values[:, 0] if key in ("position", "time") else t
+        if file.stem == "time" or (heads and is_time(heads[0])):
+            t = values[:, 0] if file.stem in ("position", "time") else t
             heads, values = heads[1:], values[:, 1:]
-        rows, width = arrays.setdefault("position", values).shape
-        if len(values) != rows:
-            raise LogLayout(f"{file.name} has {len(values)} rows, expected {rows}", where=file)
-        if key == "time":
-            break
-        if values.shape[1] != width:
-            columns = values.shape[1]
-            text = f"{file.name} has {columns} columns, position.txt {width}"
-            raise LogLayout(text, where=file)
         names = names or heads
         if missing := [name for name in names if heads and name not in heads]:
             raise table.wrong(f"no column '{missing[0]}'")
         # A file without names has the order of the others.
-        arrays[key] = values[:, [heads.index(name) for name in names]] if heads else values
+        arrays[file.stem] = values[:, [heads.index(name) for name in names]] if heads else values
+        rows, expected = len(values), len(arrays["position"])
+        if rows != expected:
+            raise LogLayout(f"{file.name} has {rows} rows, expected {expected}", where=file)
     if t is None and rate is None:
         raise WrongUsage(
             f"{path} has no time.txt and position.txt no time column",

@@ -19,8 +19,6 @@ from dynid.files import tuning
 DELIMITERS = (";", "\t", ",")
 #: What lines that hold no numbers begin with, of which the last may be the header.
 COMMENT = "#%"
-#: Cells that mean no number, as nan does.
-NONE = ("", "na", "n/a", "null", "none")
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _NUMBER = re.compile(r"[+-]?\.?\d|nan\b", re.IGNORECASE | re.ASCII)
 
@@ -65,18 +63,17 @@ class TextTable:
             if number < self.start or line[0] in COMMENT:
                 continue
             cells = _cells(line, self.delimiter)
-            # A delimiter at the end of a row begins no cell.
-            if len(cells) != width and not (len(cells) == width + 1 and not cells[-1]):
+            if len(cells) != width:
                 raise self.wrong(f"{len(cells)} numbers, expected {width}", line=number)
             values.extend([self._number(cells[k], number) for k in places])
         return np.reshape(values, (-1, len(places)))
 
     def _number(self, cell: str, line: int) -> float:
-        """Return a cell as a number; an empty one is none, words are named."""
+        """Return a cell as a number, nan where it is empty."""
         # Points next to decimal commas group thousands: 1.234 must not be read.
         decimal = cell.replace(".", "?").replace(",", ".") if self.comma else cell
         try:
-            return float("nan" if cell.lower() in NONE else decimal)
+            return float(decimal or "nan")
         except ValueError as error:
             raise self.wrong(f"'{cell[:40]}' is not a number", line=line) from error
 
@@ -104,10 +101,6 @@ def text_table(path: Path) -> TextTable:
         raise LogLayout(f"{path.name} has no samples", where=path)
     start, model = rows[0]
     delimiter = next((sign for sign in DELIMITERS if sign in model.strip()), None)
-    texts = "".join(line for _, line in head if line[0] not in COMMENT)
-    if delimiter == "," and " " in model and texts and "," not in texts:
-        # White space between decimal commas: the names have no comma.
-        delimiter = None
     first = _cells(model, delimiter)
     cells = [cell for _, line in rows for cell in _cells(line, delimiter)]
     commas = sum(bool(_WITH_COMMA.fullmatch(cell)) for cell in cells)
@@ -124,22 +117,17 @@ def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[list[str
         LogLayout: there are names, but not as many as cells.
     """
     n = len(table.first)
-    widths = {n, n - (n > 1 and not table.first[-1])}
     texts: list[list[str]] = []
     comment: list[str] = []
     wrong = None
     for number, line in head:
         words = _cells(line.lstrip("#% "), table.delimiter)
-        if len(words) - 1 in widths and not words[-1]:
-            words.pop()
-        fits = len(words) in widths
         if line[0] in COMMENT:
-            comment = words if fits else comment
-        elif fits:
+            comment = words if len(words) == n else comment
+        elif len(words) == n:
             texts.append(words)
         elif len(words) > 1:
-            text = f"{len(words)} names, but the rows have {n} numbers"
-            wrong = table.wrong(text, line=number)
+            wrong = table.wrong(f"{len(words)} names, but the rows have {n} numbers", line=number)
     if not texts and wrong:
         raise wrong
     if not texts:

@@ -8,15 +8,11 @@ LEAST_DISTINCT = 0.5
 #: up to some tens of lines.
 FIRST_LINES, FIRST_ROWS = 200, 40
 
-#: Seconds since 1970 of 2001 and of 2100 [s]: stamps between them are of a calendar. Evidence: ROS began in 2007.
-CALENDAR_S = (1e9, 4.1e9)
 #: Start beyond which time counts from the first sample [s]. Evidence: 1e6 s are 11 days, which no recording has.
 CALENDAR_FROM_S = 1e6
-#: Median step between samples in each unit of time, of recorders from 2.5 Hz to 2 kHz; the ranges do not overlap.
+#: Median step up to which stamps are in each unit of time, of recorders from 2.5 Hz to 2 kHz.
 #: Why not faster: a step of 0.2 is a slow log in seconds (E314), not one of 5 kHz in ms. Evidence: rates of drivers.
-STEPS = {"s": (0.0, 0.4), "ms": (0.5, 400.0), "us": (500.0, 4e5), "ns": (5e5, 4e8)}
-#: Least number of stamps that tell their unit by their step. Evidence: none yet.
-LEAST_STAMPS = 20
+STEPS = {"s": 0.4, "ms": 400.0, "us": 4e5, "ns": 4e8}
 #: Span of positions [rad] and size of torques [N m] beyond which an unknown recording is in degrees or mN m.
 #: Evidence: 25 rad are four turns, which no joint with stops makes; none yet for the torque.
 MOST_RADIANS, MOST_TORQUE_NM = 25.0, 2000.0
@@ -29,7 +25,5 @@ GRAVITY = (9.6, 9.9)
 #: Share of an inertia by which the largest moment may exceed the other two together: a thin rod has two that are equal
 #: and none. Evidence: law; what six digits leave out.
 ROUNDED_INERTIA = 1e-6
-#: Largest angle of a waypoint [rad], two turns in each direction: more is in degrees. Evidence: none yet.
-MOST_WAYPOINT_RAD = 4 * 3.141592653589793
 #: Least time between two waypoints [s]: below it rounding decides in splines. Evidence: none yet.
 LEAST_WAYPOINT_STEP_S = 1e-3

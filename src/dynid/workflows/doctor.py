@@ -29,7 +29,6 @@ REQUIRED = (
     "rich",
     "rosbags",
     "lz4",
-    "mcap",
     "jinja2",
     "threadpoolctl",
     "lazy_loader",

@@ -28,7 +28,6 @@ def compare_in_simulator(
     results: ResultLike | Sequence[ResultLike],
     log: LogLike,
     *,
-    engine: str = "mujoco",
     seconds: float | None = None,
     progress: Progress | None = None,
 ) -> SimulatorGap:
@@ -40,13 +39,11 @@ def compare_in_simulator(
     Args:
         results: results of one arm, such as before and after an effect was added.
         log: a recording, best one that was not fitted.
-        engine: ``"mujoco"`` or ``"pybullet"``.
         seconds: the last so many seconds of the recording are driven; None for all [s].
         progress: reports what is simulated.
 
     Raises:
         WrongUsage: an argument is something else than what is wanted (E101).
-        PackageMissing: the simulator is not installed.
         NotSimulated: a simulation diverges.
         DynidError: the first serious fault of the log.
 
@@ -76,12 +73,12 @@ def compare_in_simulator(
     for name, each in zip(names, given, strict=True):
         arm = identified_arm(each, ("mjcf",))
         stage("simulate", f"{name}, {len(t)} samples")
-        runs.append(drive(arm, engine, (t - t[0], q, qd, tau), inertia))
+        runs.append(drive(arm, (t - t[0], q, qd, tau), inertia))
     simulated, added = (np.array(each) for each in zip(*runs, strict=True))
     return SimulatorGap(
         robot=robot,
         log=str(recording.source or recording.name),
-        engine=engine,
+        engine="mujoco",
         models=tuple(names),
         t=t - t[0],
         q=q,

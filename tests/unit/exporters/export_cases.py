@@ -1,6 +1,8 @@
 """Arms whose bodies, rotors and friction are known, ready to be exported."""
 
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +15,7 @@ from dynid.estimation.residual_model import GROUPS, ModelError
 from dynid.exporters import FORMATS
 from dynid.exporters.code import imported
 from dynid.exporters.effects_file import EFFECTS, own_values, stepped
-from dynid.exporters.engines import bullet_body, own_torques
+from dynid.exporters.engines import bare_urdf, own_torques
 from dynid.exporters.full_model import FullModel
 from dynid.exporters.interface import IdentifiedArm, Provenance
 from dynid.exporters.simulated import numbers_of
@@ -162,6 +164,18 @@ def off_in_pinocchio(source, path):
     q, qd, qdd = states = random_states(source.robot, 1000, 0)
     found = pinocchio_torques(model, sign * (q - mapping.offset), sign * qd, sign * qdd)
     return np.abs(sign * found - ours(*states)).max()
+
+
+def bullet_body(text, gravity):
+    """Load a URDF in a physics server of PyBullet; return server and body."""
+    client = pybullet.connect(pybullet.DIRECT)
+    with TemporaryDirectory() as folder:
+        bare = Path(folder) / "bare.urdf"
+        bare.write_text(bare_urdf(text), encoding="utf-8")
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+        body = pybullet.loadURDF(str(bare), useFixedBase=True, flags=flags, physicsClientId=client)
+    pybullet.setGravity(*gravity.tolist(), physicsClientId=client)
+    return client, body
 
 
 def off_in_pybullet(source, path):

@@ -3,12 +3,18 @@
 import mujoco
 import numpy as np
 import pytest
-from export_cases import off_in_pinocchio, off_in_pybullet, shipped, with_effect, written
+from export_cases import (
+    bullet_body,
+    off_in_pinocchio,
+    off_in_pybullet,
+    shipped,
+    with_effect,
+    written,
+)
 
 from dynid.exporters import FORMATS
 from dynid.exporters.code import imported
 from dynid.exporters.effects_file import EFFECTS
-from dynid.exporters.engines import bullet_body
 from dynid.exporters.simulated import simulated
 from dynid.model.effects.catalogue import CATALOGUE
 

@@ -90,10 +90,10 @@ def test_messages_without_effort_are_refused(tmp_path):
 
 
 def test_calendar_stamps_of_a_csv_are_counted_from_the_first_sample(tmp_path):
-    rows = "\n".join(f"{1.46e9 + 0.5 * i},{i},{i}" for i in range(5))
+    rows = "\n".join(f"{1.46e9 + 0.25 * i},{i},{i}" for i in range(5))
     (tmp_path / "log.csv").write_text(f"t,q_a,tau_a\n{rows}\n")
     log = read_log(tmp_path / "log.csv", robot=lwr())
-    assert_allclose(log.t, 0.5 * np.arange(5))
+    assert_allclose(log.t, 0.25 * np.arange(5))
 
 
 @pytest.mark.data

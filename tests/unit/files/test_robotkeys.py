@@ -84,14 +84,14 @@ def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_
         (
             "driver: {kind: generic, sign: [1, 2]}\n",
             WrongRobotFile,
-            r"driver\.sign entries are 1 or -1, not 2",
+            r"driver\.sign\[1\] = 2 must be 1 or -1",
         ),
         ("driver: {topic: /x}\n", WrongRobotFile, "driver lacks the key 'kind'"),
         ("torque: {gain: [1, 0]}\n", WrongRobotFile, r"torque\.gain\[1\] = 0 must be positive"),
         (
             "torque: {noise: [1, null]}\n",
-            WrongRobotFile,
-            r"torque\.noise: it is missing for a joint",
+            NotANumber,
+            r"torque\.noise\[1\] = 'null' is not a number",
         ),
         ("torque: {noise: -0.1}\n", WrongRobotFile, r"torque\.noise"),
         ("torque: {noise: [0.1, 0.1, 0.1]}\n", WrongRobotFile, r"torque\.noise"),

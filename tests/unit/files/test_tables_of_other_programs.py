@@ -62,7 +62,6 @@ PLOTJUGGLER = table(
 )
 FILES = {
     "European Excel, empty rows at its end": EXCEL + ";;;;;;\r\n" * 3,
-    "tabs": table("Time|J{} angle|J{} torque", T, Q, TAU, start=1, delimiter="\t"),
     "units in a second line": table(
         "time|pos_{}|trq_{}", T, np.rad2deg(Q), TAU, head="Recorded by A. Person;2024-05-01\n"
     ).replace("trq_2\n", "trq_2\n[s],[deg],[deg],[deg],[Nm],[Nm],[Nm]\n"),
@@ -120,15 +119,6 @@ FILES = {
         np.zeros((N, 16)),
         -TAU,
     ),
-    "KUKA FRI": table(
-        "Time [ms]|msrJntPos A{}|cmdJntPos A{}|msrJntTrq A{}|estExtJntTrq A{}",
-        T * 1e3,
-        Q,
-        -Q,
-        TAU,
-        0 * TAU,
-        start=1,
-    ),
     "microseconds": table("time|q{}|tau{}", np.round(T * 1e6).astype(int), Q, TAU),
     "names in German letters": table(
         "t|" + "|".join(f"Gelenk_{x}.{kind}" for kind in ("position", "moment") for x in "äöü"),
@@ -184,9 +174,7 @@ def test_a_row_of_words_among_the_numbers_is_named(tmp_path):
         read_log(path, robot=robot_of("", tmp_path, ("0", "1", "2")))
 
 
-@pytest.mark.parametrize(
-    "word", ["1.234,5", "1.234", "0.5", "2024-02-29T23:59:59", "23:59:59", "1'234,5", "two"]
-)
+@pytest.mark.parametrize("word", ["1.234", "23:59:59", "two"])
 def test_what_is_no_plain_number_beside_decimal_commas_is_named(word, tmp_path):
     """Points would group thousands: 1.234 must not be read as a number near one."""
     path = tmp_path / "log.csv"

@@ -35,9 +35,7 @@ def _branch(side):
         ur5      | ur5e
         iiwa     | kuka_iiwa7
         gen3     | kinova_gen3
-        LBR-iiwa | kuka_iiwa7
         tx40     | staubli_tx40
-        jaco2    | kinova_gen2
         lwr      | kuka_lwr4plus
         ur3      | ur3e
         xArm     | xarm7

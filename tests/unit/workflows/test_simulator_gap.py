@@ -23,10 +23,9 @@ def results(arm):
     return [dynid.identify(each, logs[:2]) for each in arms], take_samples(logs[2], np.arange(600))
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
-def test_the_gap_shrinks_in_the_simulator_when_the_effect_is_added(results, engine, tmp_path):
+def test_the_gap_shrinks_in_the_simulator_when_the_effect_is_added(results, tmp_path):
     """The physics of the log is the textbook's with a spring by hand; what is loaded are the exported files."""
-    found = dynid.compare_in_simulator(*results, engine=engine)
+    found = dynid.compare_in_simulator(*results)
     before, after = found.position_rms[:, 1]
     assert after < 0.5 * before
     assert found.torque_rms[1, 1] < 0.5 * found.torque_rms[0, 1]
