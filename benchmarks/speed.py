@@ -26,14 +26,10 @@ import pinocchio as pin
 
 import study
 from arms import pinocchio_model, random_bodies
-from conic import clarabel_optimum
-from dynid.estimation import tuning
-from dynid.estimation.possible_arm import fit_physical, fit_pooled
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
 from motions import tones
-from synthetic_arm import seven_joint_arm
 
 ROOT = Path(__file__).parents[1]
 ROBOT = "kuka_lwr4plus"
@@ -125,26 +121,6 @@ def evaluation(robot):
     yield title, f"{theirs:.2f} us", "", "70 columns, from Python"
 
 
-def consistency():
-    """Solvers of the physically possible set on one thread, as processor time; Clarabel beside them."""
-    arm, clock = seven_joint_arm(), time.process_time
-    regimes = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "300 noisy": (300, 0.2, 10.0)}
-    for name, regime in regimes.items():
-        problem = *arm.whitened(*regime), arm.constraints
-        found = fit_physical(*problem)
-        own, pooled = (
-            f"{1e3 * timed(partial(fit, *problem), 15, clock):.1f} ms"
-            for fit in (fit_physical, fit_pooled)
-        )
-        best, took = clarabel_optimum(*problem, tuning.PRIOR_WEIGHT)
-        off = found.objective + 1e-5 * np.log(arm.constraints.slack(found.x)).sum() - best
-        beside = (
-            f"Clarabel {1e3 * took:.0f} ms; its optimum differs by {abs(off):.0e} of {best:.0f}"
-        )
-        yield f"physical set, {name} samples", own, "20 ms", beside
-        yield "the same with pooled friction and rotors", pooled, "20 ms", ""
-
-
 def whole_processes(robot, folder, samples):
     for title, line, times, limit, beside in (
         ("dynid --help", "--help", 5, "0.15 s", ""),
@@ -181,7 +157,7 @@ def main():
     print(machine(), "\n")
     with tempfile.TemporaryDirectory() as folder:
         processes = whole_processes(robot, Path(folder), options.samples)
-        rows = [*derivation(robot), *evaluation(robot), *consistency(), *processes]
+        rows = [*derivation(robot), *evaluation(robot), *processes]
     print(study.markdown("what | measured | target | beside", rows))
 
 

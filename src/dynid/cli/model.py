@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--groups",
-    type=click.Choice(["json", "latex", "text"]),
+    type=click.Choice(["json", "text"]),
     help="Print the relations of all base parameters.",
 )
 @click.option(

@@ -66,28 +66,25 @@ class Columns:
             products[:, j, 10 * j :, 10 * j :] = B @ B.swapaxes(1, 2) - own @ own.swapaxes(1, 2)
         return products
 
-    def bodies_residual(
-        self, of: Sequence[int], tau: Floats, has_say: Mask, *, separate: bool
-    ) -> Floats:
-        """Return the root mean square that any bodies leave of each joint's torque, (M, n) [N m or N].
+    def bodies_residual(self, tau: Floats, has_say: Mask, *, separate: bool) -> Floats:
+        """Return the root mean square that any bodies leave of each joint's torque, (K, n) [N m or N].
 
         Args:
-            of: numbers of the motions that the torques belong to, M of them.
-            tau: torques, (M, N, n) [N m or N].
-            has_say: which joints have a say about the bodies, (M, n).
+            tau: torques, (K, N, n) [N m or N].
+            has_say: which joints have a say about the bodies, (K, n).
             separate: whether each joint may have bodies of its own.
         """
         if not separate:
-            return _shared(self, of, tau, has_say)
+            return _shared(self, tau, has_say)
         parts = [
-            _left(np.concatenate([self.own[of, j], self.of_joint(j)[of]], axis=2), tau[:, :, j])
+            _left(np.concatenate([self.own[:, j], self.of_joint(j)], axis=2), tau[:, :, j])
             for j in range(tau.shape[2])
         ]
         return np.stack(parts, axis=1)
 
-    def friction_residual(self, of: Sequence[int], tau: Floats) -> Floats:
-        """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (M, n) [N m or N]."""
-        return np.maximum(_left(self.own[of], tau.swapaxes(1, 2)), 1e-9)
+    def friction_residual(self, tau: Floats) -> Floats:
+        """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (K, n) [N m or N]."""
+        return np.maximum(_left(self.own, tau.swapaxes(1, 2)), 1e-9)
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,7 @@ class RobotFileFit:
     def least_residuals(self, robots: Sequence[Robot]) -> list[tuple[Floats, Floats]]:
         """Return what any bodies leave of each joint's torque under edited files, and what friction alone leaves.
 
-        Files under which the arm moves alike share their columns, and those of several motions are formed together.
+        The columns of several motions are formed together.
 
         Args:
             robots: the arm as the edited files say.
@@ -124,27 +121,21 @@ class RobotFileFit:
             Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
         """
         moved = [self._dh(robot) for robot in robots]
-        tables: dict[object, dict[bytes, list[int]]] = {}
-        for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
-            alike = tables.setdefault((robot.convention, robot.gravity), {})
-            alike.setdefault(x.tobytes(), []).append(k)
+        tables: dict[object, list[int]] = {}
+        for k, robot in enumerate(robots):
+            tables.setdefault((robot.convention, robot.gravity), []).append(k)
         errors: dict[int, tuple[Floats, Floats]] = {}
         together = max(1, TOGETHER // len(self.tau))
-        for files in (list(alike.values()) for alike in tables.values()):
+        for files in tables.values():
             for start in range(0, len(files), together):
                 some = files[start : start + together]
-                columns = self._columns(robots[some[0][0]], [moved[same[0]][0] for same in some])
-                numbers = [k for same in some for k in same]
-                of = [number for number, same in enumerate(some) for _ in same]
-                tau = np.stack([moved[k][1] for k in numbers])
-                has_say = np.stack([self.has_say(robots[k]) for k in numbers])
-                floor = columns.friction_residual(of, tau)
-                left = np.where(
-                    has_say,
-                    columns.bodies_residual(of, tau, has_say, separate=self.separate),
-                    floor,
-                )
-                errors |= dict(zip(numbers, zip(left, floor, strict=True), strict=True))
+                columns = self._columns(robots[some[0]], [moved[k][0] for k in some])
+                tau = np.stack([moved[k][1] for k in some])
+                has_say = np.stack([self.has_say(robots[k]) for k in some])
+                floor = columns.friction_residual(tau)
+                left = columns.bodies_residual(tau, has_say, separate=self.separate)
+                left = np.where(has_say, left, floor)
+                errors |= dict(zip(some, zip(left, floor, strict=True), strict=True))
         return [errors[k] for k in range(len(robots))]
 
     def possible_residuals(self, robot: Robot) -> tuple[Floats, Floats]:
@@ -153,12 +144,12 @@ class RobotFileFit:
         columns, has_say = self._columns(robot, [x]), self.has_say(robot)
         parts = [_reduced(columns, tau, j, self._signed) for j in np.flatnonzero(has_say).tolist()]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
-        (floor,) = columns.friction_residual([0], tau[None])
+        (floor,) = columns.friction_residual(tau[None])
         remaining = floor.copy()
         if self.separate:
             remaining[has_say] = [_cone([part], bodies, np.ones(1))[0] for part in parts]
         elif has_say.any():
-            (left,) = columns.bodies_residual([0], tau[None], has_say[None], separate=False)
+            (left,) = columns.bodies_residual(tau[None], has_say[None], separate=False)
             remaining[has_say] = _cone(parts, bodies, 1.0 / np.maximum(left[has_say], 1e-9))
         return remaining, floor
 
@@ -304,31 +295,28 @@ def _left(columns: Floats, tau: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1)))
 
 
-def _shared(columns: Columns, of: Sequence[int], tau: Floats, has_say: Mask) -> Floats:
-    """Return what is left of each joint's torque when all joints share the bodies, (M, n).
+def _shared(columns: Columns, tau: Floats, has_say: Mask) -> Floats:
+    """Return what is left of each joint's torque when all joints share the bodies, (K, n).
 
     Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.
 
     Args:
         columns: of K motions.
-        of: numbers of the motions that the torques belong to, M of them.
-        tau: torques, (M, N, n) [N m or N].
-        has_say: which joints have a say about the bodies, (M, n).
+        tau: torques, (K, N, n) [N m or N].
+        has_say: which joints have a say about the bodies, (K, n).
     """
-    grams, basis, torque = columns.grams[of], columns.basis[of], tau.swapaxes(1, 2)[..., None]
-    (M, n, p), count = grams.shape[:3], tau.shape[1]
+    grams, basis, torque = columns.grams, columns.basis, tau.swapaxes(1, 2)[..., None]
+    (K, n, p), count = grams.shape[:3], tau.shape[1]
     left = (torque - basis @ (basis.swapaxes(2, 3) @ torque))[..., 0]
-    sides = np.zeros((M, n, p))
+    sides = np.zeros((K, n, p))
     for j in range(n):
-        B = columns.of_joint(j)
-        for m, k in enumerate(of):
-            sides[m, j, 10 * j :] = left[m, j] @ B[k]
+        sides[:, j, 10 * j :] = (left[:, j, None] @ columns.of_joint(j))[:, 0]
     energy = np.sum(left**2, axis=2) / count
     rms = np.sqrt(np.maximum(energy, 1e-18))
     ridge = np.tile(tuning.USUAL_BODY**-2.0, p // 10)
     for _ in range(3):
         weight = has_say[:, None] / (tuning.SAMPLES_ALIKE * rms[:, None] ** 2)
-        G, side = (weight @ grams.reshape(M, n, -1)).reshape(M, p, p), weight @ sides
+        G, side = (weight @ grams.reshape(K, n, -1)).reshape(K, p, p), weight @ sides
         G[:, range(p), range(p)] += ridge
         theta = _solved(G, side.swapaxes(1, 2))[:, None]
         quads = ((grams @ theta)[..., 0] - 2.0 * sides)[:, :, None] @ theta
@@ -338,7 +326,7 @@ def _shared(columns: Columns, of: Sequence[int], tau: Floats, has_say: Mask) -> 
 
 
 def _solved(G: Floats, side: Floats) -> Floats:
-    """Return the solutions of M systems of equations, (M, p, 1)."""
+    """Return the solutions of K systems of equations, (K, p, 1)."""
     try:
         return np.asarray(np.linalg.solve(G, side))
     except np.linalg.LinAlgError:  # numbers so far apart that the ridge is lost beside them

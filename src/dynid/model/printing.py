@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from dynid.model.parameters import link_parameters
 from dynid.model.program import ADD, MUL, NEG, SUB, Program, bound, input_of
 from dynid.model.regressor import Model
@@ -9,8 +11,6 @@ from dynid.robot import Robot
 from dynid.text import code
 
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
-_LATEX = {"qd": r"\dot{q}", "qdd": r"\ddot{q}", "c": r"\cos\theta", "s": r"\sin\theta"}
-_LATEX |= {"ca": r"\cos\alpha", "sa": r"\sin\alpha"}
 
 
 def number(value: float) -> str:
@@ -57,24 +57,12 @@ def as_python(model: Model) -> str:
 
 
 def as_latex(model: Model) -> str:
-    """Return the operations and the entries of P as LaTeX."""
-    program = model.rigid
-    name = [*map(_latex, program.inputs), *(f"t_{{{k}}}" for k in range(program.flops))]
-    columns = [parameter.name for parameter in link_parameters(model.robot)]
-    lines = []
-    operations = zip(program.op.tolist(), program.lhs, program.rhs, strict=True)
-    for result, (op, lhs, rhs) in zip(name[program.first :], operations, strict=True):
-        a, b = name[lhs], name[rhs]
-        sign = r"\," if op == MUL else _SIGN.get(op)
-        lines.append(rf"{result} &= {f'{a} {sign} {b}' if sign else f'-{a}'} \\")
-    for row, col, slot in zip(program.rows, program.cols, program.outputs, strict=True):
-        lines.append(rf"P_{{{row + 1},\,{columns[col]}}} &= {name[slot]} \\")
-    return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
-
-
-def _latex(entry: str) -> str:
-    r"""Return an input in LaTeX: ``\dot{q}_{3}`` for ``qd3``."""
-    if entry[0] == "g":
-        return f"g_{entry[1]}"
-    kind, joint = input_of(entry)
-    return f"{_LATEX.get(kind, kind)}_{{{joint + 1}}}"
+    """Return the operations with the numbers of the arm put in, and the entries of P, as LaTeX."""
+    program, names = model.rigid, [parameter.name for parameter in link_parameters(model.robot)]
+    lines, text = statements(program, model.robot)
+    entries = zip(program.rows, program.cols, program.outputs, strict=True)
+    lines += [(rf"P_{{{row + 1},{names[col]}}}", text[slot]) for row, col, slot in entries]
+    rows = (rf"{name} &= {value} \\".replace("*", r"\,") for name, value in lines)
+    # Why a brace behind a letter: c12 is the twelfth c.
+    numbered = re.sub(r"\b([A-Za-z]+)(\d+)\b", r"\1_{\2}", "\n".join(rows))
+    return "\n".join([r"\begin{align*}", numbered, r"\end{align*}"])

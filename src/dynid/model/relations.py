@@ -9,7 +9,7 @@ the numbers. Source: Gautier & Khalil 1990; pseudo-inertia as in Wensing 2018.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -24,7 +24,6 @@ from sympy import (  # noqa: TID253
     Symbol,
     cancel,
     expand,
-    latex,
     sstr,
     total_degree,
     zeros,
@@ -253,21 +252,10 @@ def _of_first_link(model: Model, still: bool) -> dict[int, Shares]:
     return _last_by_others(Matrix.hstack(*Matrix(rows).nullspace()).T)
 
 
-# ---------------------------------------------------------------- text, JSON and LaTeX
+# ---------------------------------------------------------------- text and JSON
 def base_name(relation: Relation) -> str:
     """Return the name of a base parameter: a combination is called after its representative with an R, ``Ixx2R``."""
     return relation[0].name + ("R" if len(relation) > 1 else "")
-
-
-def _latex_symbol(name: str) -> str:
-    """Return a DH symbol or a parameter's name in LaTeX: ``d_{3}`` for ``d3``, ``mc_{3,x}`` for ``mcx3``."""
-    kind = name.rstrip("0123456789")
-    number = name[len(kind) :]
-    if kind in ("ca", "sa", "c", "s"):
-        return rf"{kind[0]}_{{\{'alpha' if len(kind) > 1 else 'theta'} {number}}}"
-    head = "mc" if kind.startswith("mc") else kind[0]
-    tail = kind[len(head) :]
-    return rf"{head}_{{{number}{',' * bool(tail)}{tail}}}"
 
 
 def _gathered(relation: Relation) -> list[tuple[Expr, list[Term]]]:
@@ -286,23 +274,18 @@ def _gathered(relation: Relation) -> list[tuple[Expr, list[Term]]]:
     )
 
 
-def _sum_of(relation: Relation, name: Callable[[str], str], plus: str, brackets: str) -> Expr:
-    """Return what a base parameter is made of; parameters are symbols with their names, behind their coefficients."""
-    parts = []
-    for share, terms in _gathered(relation):
-        body = plus.join(name(term.name) for term in terms)
-        body = brackets.format(body) if len(terms) > 1 else body
-        parts.append(share * Symbol(body, commutative=False))
-    return Add(*parts, evaluate=False)
-
-
 def _plain(formula: Expr) -> str:
     return str(sstr(formula, order="none")).replace("**", "^")
 
 
 def _spelled(relation: Relation) -> str:
     """Return what a base parameter is made of, such as ``mcz2R = mcz2 - mcy3 + d3*(m3+m4)``."""
-    return f"{base_name(relation)} = {_plain(_sum_of(relation, str, '+', '({})'))}"
+    parts = []
+    for share, terms in _gathered(relation):
+        body = "+".join(term.name for term in terms)
+        # Not commutative: parameters stand behind their coefficients.
+        parts.append(share * Symbol(f"({body})" if len(terms) > 1 else body, commutative=False))
+    return f"{base_name(relation)} = {_plain(Add(*parts, evaluate=False))}"
 
 
 def relations_text(relations: tuple[Relation, ...], *, alone: bool = False) -> str:
@@ -355,17 +338,3 @@ def relations_json(model: Model, relations: tuple[Relation, ...]) -> dict[str, A
         "unnamed": unnamed(relations),
         "groups": groups,
     }
-
-
-def relations_latex(relations: tuple[Relation, ...]) -> str:
-    """Return the relations of all combinations as a LaTeX ``align*`` environment."""
-    rows = []
-    for relation in relations:
-        if len(relation) > 1:
-            total = _sum_of(relation, _latex_symbol, " + ", r"\left({}\right)")
-            names = {
-                x: _latex_symbol(x.name) if x.is_commutative else x.name for x in total.free_symbols
-            }
-            made_of = latex(total, order="none", symbol_names=names)
-            rows.append(rf"  {_latex_symbol(relation[0].name)}^{{R}} &= {made_of}")
-    return "\n".join([r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"])

@@ -80,20 +80,15 @@ def hidden_logs(
     plant: Plant,
     hidden: Hidden,
     rng: np.random.Generator,
-    *,
-    motions: int = 3,
-    repeats: int = 2,
-    seconds: float = 20.0,
+    seconds: float,
 ) -> list[Log]:
-    """Simulate an arm in closed loop with something hidden in it.
+    """Simulate an arm in closed loop with something hidden in it: three motions, each driven twice.
 
     Args:
         robot: the arm.
         plant: its truth.
         hidden: what is hidden.
         rng: source of motions and noise.
-        motions: number of different motions.
-        repeats: recordings of each motion.
         seconds: length of each.
     """
     spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)
@@ -102,9 +97,9 @@ def hidden_logs(
     law, only = _law(hidden), np.eye(robot.n)[hidden.joint]
     rng.bit_generator.advance(PASSED_OVER)  # type: ignore[attr-defined]
     arm.extra = lambda t, q, v: only * law(float(q[hidden.joint]), float(v[hidden.joint]))
-    for _ in range(motions):
+    for _ in range(3):
         motion = sines(robot, spec, tuning.HIDDEN_STEP_S, rng)
-        for _ in range(repeats):
+        for _ in range(2):
             truth = _truth(track(arm, motion), hidden, len(logs) * (seconds + 1.0))
             log = plant.sensors.measure(truth, arm.robot.joint_names, rng)
             logs.append(replace(log, dh=True))

@@ -89,7 +89,7 @@ class SimulatedDriver(ABC):
 
 
 class SimulatedKinova(SimulatedDriver):
-    """kinova-ros: 13 names, degrees in its own messages, stop and start as services."""
+    """kinova-ros: 13 names, velocities in deg/s, stop and start as services."""
 
     FINGERS = ("finger_1", "finger_2", "finger_3", "finger_tip_1", "finger_tip_2", "finger_tip_3")
 
@@ -98,15 +98,9 @@ class SimulatedKinova(SimulatedDriver):
         self.namespace = self.topic.split("/out/")[0]
         prefix = self.columns.names[0].removesuffix("1")
         self._names = [*self.columns.names, *(prefix + finger for finger in self.FINGERS)]
-        self._angles_type = kinova_message("JointAngles")
-        self._angles, self._torques, self._command = (
-            self.publisher(f"{self.namespace}/out/{name}", self._angles_type)
-            for name in ("joint_angles", "joint_torques", "joint_command")
-        )
         node, loop = self.node, self.loop
         gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
         node.rospy.set_param(gravity, False)
-        node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / loop.rate)
         self.subscribe(
             f"{self.namespace}/in/joint_velocity", kinova_message("JointVelocity"), self._velocity
         )
@@ -126,16 +120,6 @@ class SimulatedKinova(SimulatedDriver):
         q, qd, tau = self._driver_values(measured)
         values = (np.concatenate([part, fingers]) for part in (q, doubled(qd), tau))
         return self._joint_state(self._names, self._began + round(measured.elapsed * 1e9), *values)
-
-    def publish(self, measured: Measured) -> None:
-        """Publish the joint state and the messages without time stamps."""
-        super().publish(measured)
-        for publisher, values in (
-            (self._angles, np.degrees(self.columns.positions(measured.q))),
-            (self._torques, self.columns.efforts(measured.tau)),
-            (self._command, np.degrees(self.columns.positions(self.follower.goal))),
-        ):
-            publisher.publish(self._angles_type(*values.tolist(), *[0.0] * (7 - len(values))))
 
     def _velocity(self, command: Any) -> None:  # noqa: ANN401
         values = np.array([getattr(command, f"joint{i}") for i in range(1, self.robot.n + 1)])

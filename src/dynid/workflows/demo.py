@@ -60,7 +60,7 @@ def simulate_hidden(folder: Path, hidden: Hidden, seed: int) -> tuple[Path, tupl
     plant = read_plant(packaged("trajectories") / TRUTH)
     paths = tuple(folder / f"motion{1 + k // 2}{'ab'[k % 2]}.npz" for k in range(6))
     stage("simulate")
-    logs = hidden_logs(source, plant, hidden, np.random.default_rng([seed, 1]), seconds=SECONDS)
+    logs = hidden_logs(source, plant, hidden, np.random.default_rng([seed, 1]), SECONDS)
     for path, log in zip(paths, logs, strict=True):
         log.save(path)
     return robot, paths

@@ -241,7 +241,7 @@ def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[s
 
     Args:
         model: the regressor.
-        form: ``"json"``, ``"latex"`` or ``"text"``.
+        form: ``"json"`` or ``"text"``.
         at_rest: whether only what torques at rest show is wanted, as vendors publish it.
 
     Returns:
@@ -254,6 +254,4 @@ def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[s
     facts |= made_of.relations_json(model, groups)
     if form == "text":
         return facts, made_of.relations_text(groups, alone=True)
-    return facts, made_of.relations_latex(groups) if form == "latex" else json.dumps(
-        facts, indent=2
-    )
+    return facts, json.dumps(facts, indent=2)

@@ -108,12 +108,6 @@ def test_a_log_in_dh_quantities_accuses_no_map_of_the_driver():
         diagnose(prepare(log, other), other)
 
 
-def test_a_pause_cuts_the_recording_and_is_listed():
-    log = lwr_log()
-    found = prepare(replace(log, t=log.t + 5.0 * (log.t > 10.0)), lwr()).findings
-    assert "cut into 2 segments" in next(each.text for each in found if each.code == "W312")
-
-
 @pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.parametrize(

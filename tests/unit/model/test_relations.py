@@ -12,7 +12,6 @@ from dynid.model import build_model
 from dynid.model.reduce import reduce
 from dynid.model.relations import (
     relations_json,
-    relations_latex,
     relations_of,
     relations_text,
     unnamed,
@@ -69,12 +68,6 @@ def test_text_shows_numbers_beside_the_formulas(groups):
         "mcz2R = mcz2 + mcy3 + d3*(m3+m4+m5+m6+m7)    [d3 = -0.41]"
         in relations_text(groups).splitlines()
     )
-
-
-def test_latex_has_a_row_for_each_combination(groups):
-    latex = relations_latex(groups)
-    assert latex.count("^{R} &=") == 17
-    assert r"mc_{6,z}^{R} &= mc_{6,z} + mc_{7,z} + d_{7} m_{7}" in latex
 
 
 def test_oblique_twists_are_named_and_their_values_are_right():

@@ -6,21 +6,12 @@ import numpy as np
 import pytest
 from randomplans import random_trajectory
 
-from arms import pinocchio_model, pinocchio_torques
 from dynid import load_robot
 from dynid.errors import LimitBroken
-from dynid.model.base_model import prior_base_parameters
-from dynid.model.parameters import prior_bodies
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Bounds, bounds
 from dynid.trajectory.limits import check_trajectory, require_within_limits
 from dynid.trajectory.plan import Trajectory, through_waypoints
-
-#: Torque limits that about half of the random plans keep [N m].
-TORQUES = {
-    "lwr": np.array([15.2, 64.2, 11.3, 20.1, 0.407, 0.402, 0.033]),
-    "gen2": np.array([2.0, 20.0, 3.7, 6.5, 0.98, 1.04, 0.003]),
-}
 
 
 def scaled(limit, **factors):
@@ -87,31 +78,6 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
     assert check_trajectory(plan.slowed(alpha * 1.1), lwr.robot, limit, inertial).violations
     heavy = refused("needs", plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0))
     assert "too heavy" in heavy.fix
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("arm", ["lwr", "gen2"])
-def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(arm, request):
-    base = request.getfixturevalue(arm)
-    other = pinocchio_model(base.robot, prior_bodies(base.robot))
-    theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
-    observer = base.model.observer
-    limit = replace(bounds(base.robot), torque=TORQUES[arm])
-
-    def torque(motion):
-        return observer(base.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
-
-    passed = 0
-    for seed in range(20):
-        plan = random_trajectory(base.robot, seed, Quintic.even(2.0, 3))
-        fine = plan.sampled(10_000)
-        tau = pinocchio_torques(other, fine.q, fine.qd, fine.qdd)
-        found = check_trajectory(plan, base.robot, limit, torque)
-        broken = {v.joint for v in found.violations if v.quantity == "torque"}
-        share = np.abs(tau).max(axis=0) / limit.torque
-        assert broken == {base.robot.joint_names[j] for j in np.flatnonzero(share > 1)}
-        passed += not broken
-    assert 2 <= passed <= 18
 
 
 @pytest.mark.slow

@@ -15,7 +15,6 @@ from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import ArmMotion, Joints
 from dynid.model.effects.table import CATALOGUE as CATALOGUE
 from dynid.model.parameters import Parameter
-from dynid.options import LONGEST_DELAY
 from dynid.robot import EffectSpec, Robot
 
 
@@ -113,15 +112,11 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
         hint = f"; did you mean '{near[0]}'?" if near else ""
         fix = f"formula, or one of {', '.join(CATALOGUE)}"
         _refuse(robot, f"no effect '{spec.effect}'{hint}", fix)
-    delay = spec.parameters.get("delay", 0.0) if effect.name == "torque_delay" else 0.0
-    needed = [*effect.shape_units, *(["delay"] if effect.name == "torque_delay" else [])]
-    missing = [name for name in needed if name not in spec.parameters]
+    missing = [name for name in effect.shape_units if name not in spec.parameters]
     if missing:
         _refuse(robot, f"{spec.effect} needs parameters {', '.join(missing)}")
     if effect.scope == "joint" and not spec.joints:
         _refuse(robot, f"{spec.effect} acts on no joint", "joints: [NAME]")
-    if abs(delay) > LONGEST_DELAY:
-        _refuse(robot, f"a delay of {delay:g} s is longer than {LONGEST_DELAY:g} s")
     if effect.scope == "pair" and len(set(spec.joints)) != 2:
         _refuse(robot, f"{spec.effect} needs two joints: the one it acts on and the other")
     return effect.at_size({name: spec.parameters.get(name, 0.0) for name in effect.units})
@@ -159,7 +154,7 @@ def delay_of(robot: Robot) -> float:
     """Return how late the torques of a robot's logs are [s]."""
     return float(
         sum(
-            spec.parameters["delay"]
+            spec.parameters.get("delay", 0.0)
             for spec in robot.effects
             if checked(spec, robot).name == "torque_delay"
         )
