@@ -185,10 +185,9 @@ def regressor_of(log: ConditionedLog, observer: Observer) -> Floats:
         rigid = observer.entries(part.q, part.qd, part.qdd, sign)
         return np.vstack([rigid, part.effects.T[observer.added_entries]])
 
-    W, start = np.zeros((sum(_counts(log)), *observer.shape)), 0
-    for rows in _row_parts(log, entries):
-        W[start : start + len(rows), observer.rows, observer.cols] = rows
-        start += len(rows)
+    filtered = at_rows(log, entries)
+    W = np.zeros((len(filtered), *observer.shape))
+    W[:, observer.rows, observer.cols] = filtered
     return W
 
 
@@ -212,17 +211,11 @@ def row_times(log: ConditionedLog) -> Floats:
 
 def at_rows(log: ConditionedLog, made: Callable[[Segment], Floats]) -> Floats:
     """Return what is made of a motion, (C, N), at the rows of a log under the filter of the torques, (M, C)."""
-    return np.concatenate([*_row_parts(log, made)])
-
-
-def _row_parts(log: ConditionedLog, made: Callable[[Segment], Floats]) -> Iterator[Floats]:
-    """Yield the same piece by piece: of long logs no more than one is there beside what is filled with them."""
-    for part in pieces(log):
-        yield parallel_filtered(made(part), log.filter).T
+    return np.concatenate([parallel_filtered(made(part), log.filter).T for part in pieces(log)])
 
 
 def pieces(log: ConditionedLog) -> Iterator[Segment]:
-    """Yield the segments of a log in pieces that are evaluated at once; the rows of one follow those of the other."""
+    """Yield the segments of a log in pieces that are evaluated at once, so that the memory of long logs stays small."""
     step, taps = log.filter.second_step, log.filter.second_kernel.shape[1]
     together = max(1, tuning.ROWS_EVALUATED // step)
     for segment, count in zip(log.segments, _counts(log), strict=True):

@@ -140,12 +140,9 @@ def _trusted_velocity(log: Log, robot: Robot) -> Log:
     driver = driver_of(robot)
     if log.qd is None or driver.velocity_trusted:
         return log
-    ratio = slopes(log, robot)
-    shown = ", ".join("-" if np.isnan(value) else f"{value:.2f}" for value in ratio)
-    text = (
-        f"the reported velocity is not used ({driver.velocity_note}); its slope to dq/dt is {shown}"
-    )
-    evidence = {"slope": [None if np.isnan(value) else float(value) for value in ratio]}
+    ratio = slopes(log, robot).tolist()
+    text = f"the reported velocity is not used ({driver.velocity_note})"
+    evidence = {"slope": [None if np.isnan(value) else value for value in ratio]}
     kept = [finding for finding in log.findings if finding.code != "W308"]
     log = replace(log, qd=None, extra={**log.extra, "qd_reported": log.qd}, findings=tuple(kept))
     return with_findings(log, Finding("W308", "info", text, evidence))

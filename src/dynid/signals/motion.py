@@ -96,14 +96,13 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     span = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
     still = span < per_joint(tuning.STILL_SPAN, robot)
     if still.any() and not still.all():
-        j = int(np.flatnonzero(still)[0])
-        unit = "rad" if robot.joints[j].revolute else "m"
-        columns = 1 + len(robot.joints[j].friction) + robot.joints[j].motor_inertia
-        others = ", ".join(robot.joint_names[i] for i in np.flatnonzero(still)[1:])
+        moves = (
+            f"{joint.name} moves {reach:.2g} {'rad' if joint.revolute else 'm'}"
+            for joint, reach, stands in zip(robot.joints, span, still, strict=True)
+            if stands
+        )
         raise JointStill(
-            f"{robot.joint_names[j]} moves {span[j]:.2g} {unit}: its {columns} own parameters cannot be found"
-            + (f"; nor those of {others}" if others else ""),
-            where=logs[0].topic,
+            f"{', '.join(moves)}: its own parameters cannot be found", where=logs[0].topic
         )
     seconds = sum(float(np.sum(any_moves(log, robot))) / log.rate for log in logs)
     wanted = sum(tuning.BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)

@@ -110,32 +110,6 @@ def test_where_least_squares_begin_to_be_worthless_the_physical_set_misses_six_p
     assert physical < 7
 
 
-def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
-    R, r = arm.whitened(300, 0.2, 10.0)
-    fit, constraints = fit_pooled(R, r, arm.constraints)
-    for kind in constraints.pools:
-        assert constraints.prior[kind] == pytest.approx(fit.x[kind].mean(), rel=0.05)
-
-    def cost(x):
-        residual, spread = R @ x - r, 0.0
-        for kind in constraints.pools:
-            spread += 7 * np.log(x[kind].mean()) - np.log(x[kind]).sum()
-        P = [np.tensordot(x[k], basis(), 1) for k in constraints.bodies]
-        distance = [
-            np.trace(np.linalg.solve(a, b))
-            for a, b in zip(constraints.prior_pseudo_inertia, P, strict=True)
-        ]
-        return 0.5 * residual @ residual + 3 * (
-            spread + sum(distance) - np.linalg.slogdet(P)[1].sum()
-        )
-
-    for kind in constraints.pools:
-        for factor in (0.8, 1.25):
-            moved = fit.x.copy()
-            moved[kind] *= factor
-            assert cost(moved) > cost(fit.x) - 0.01
-
-
 def test_how_large_all_of_a_kind_are_together_is_known_from_the_rows_alone(arm):
     """The penalty of bodies, friction and rotors is the same for all common sizes."""
     R, r = arm.whitened(*REGIMES["poor"])

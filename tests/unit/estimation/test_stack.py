@@ -75,26 +75,6 @@ def test_noise_free_motion_gives_the_true_base_parameters(base):
     assert found.relative_error_percent < 1e-6
 
 
-def renoised(log, seed):
-    rng = np.random.default_rng(seed)
-    return replace(log, tau=log.tau + 0.5 * rng.normal(size=log.tau.shape))
-
-
-@pytest.mark.slow
-def test_the_covariance_is_that_of_estimates_over_many_draws_of_noise(base):
-    """The mean Mahalanobis distance of 12 draws is chi-square over its degrees of freedom: 1 to three errors of 9 %."""
-    clean = simulated(base, seconds=20)
-    draws = [
-        estimate(stacked(base, renoised(clean, 50 + k)), method="wls", holdout=None)
-        for k in range(12)
-    ]
-    estimates = np.array([draw.plain for draw in draws])
-    root = np.linalg.cholesky(np.mean([draw.covariance for draw in draws], axis=0))
-    z = np.linalg.solve(root, (estimates - estimates.mean(axis=0)).T)
-    freedom = 11 * len(root)
-    assert np.sum(z**2) / freedom == pytest.approx(1.0, abs=3 * np.sqrt(2 / freedom))
-
-
 def usable(stack):
     """Return all rows that count, as one matrix and one vector."""
     return stack.rows.W[stack.rows.use], stack.rows.tau[stack.rows.use]
