@@ -60,7 +60,6 @@ from .workflows.options import (
 from .workflows.parameters import (
     Observations as Observations,
 )
-from .workflows.parameters import find_drive_gains as find_drive_gains
 from .workflows.parameters import (
     observe as observe,
 )

@@ -39,7 +39,7 @@ class Declaration:
         repeatable: whether it may be given several times.
         shown: what None means, as help and the inputs of results say it.
         kind: type on the command line where annotation and default do not tell it: ``"input"`` (file that exists),
-            ``"folder"``, ``"level"`` (how often it is given), ``"effects"`` (identifiers that the shell completes).
+            ``"folder"``, ``"level"`` (how often it is given).
         bounds: smallest and largest number, None for no bound.
         off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
         deliberate: whether only the command line may give it, no variable of the environment and no file.

@@ -131,8 +131,6 @@ def test_the_copy_of_a_robot_that_comes_with_dynid_is_not_hidden_among_installed
 
     monkeypatch.chdir(tmp_path)
     assert beside("kuka_lwr4plus") == tmp_path / "kuka_lwr4plus.yaml"
-    (tmp_path / "robots").mkdir()
-    assert beside("kuka_lwr4plus").parent == tmp_path / "robots"
     own = tmp_path / "arm.yaml"
     own.write_text(twolink.ROBOT)
     assert beside(own) == own

@@ -67,26 +67,6 @@ def test_validate_is_as_good_on_the_unseen_log_as_the_sensor_noise(done):
     assert all(joint["rms_nm"] < 0.02 for joint in checked["joints"])
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "model arm.yaml --reduce",
-        "parameters arm.yaml log.csv --no-identify",
-        IDENTIFY,
-        f"validate {OUT}/parameters.npz unseen.csv --no-plot",
-    ],
-)
-def test_stdout_is_the_answer_and_stderr_the_rest(done, line):
-    quiet, usual, loud = (done(f"{line} --force {more}").good for more in ("-q", "", "-v"))
-    answered = [line for line in quiet.out.splitlines() if not line.startswith("values ")]
-    assert usual.out.splitlines()[: len(answered)] == answered
-    # Why only its first line: -v tells what is behind each light that the usual answer gathers in one line.
-    assert loud.out.splitlines()[:1] == answered[:1]
-    assert len(loud.out) >= len(usual.out)
-    assert all(line.startswith("warning[") for line in quiet.err.splitlines())
-    assert len(loud.err) > len(quiet.err)
-
-
 # ---------------------------------------------------------------- P1, P5
 @pytest.mark.parametrize(
     ("line", "question", "made", "unasked"),
@@ -242,17 +222,6 @@ def test_fail_if_gives_ci_a_threshold(done, limit, status):
     assert run.status == status
     assert "total relative error" in run.out
     assert ("limit " in run.err) is (status == 1)
-
-
-def test_wrong_words_are_refused_before_anything_is_read_or_written(arm):
-    replay = f"validate {OUT}/parameters.npz log.csv"
-    wrong = {
-        IDENTIFY: ("--cutoff fast", "--exclude 9-3", "--holdout 120%", "--method magic"),
-        replay: ("--max-unexplained lots", "--max-rms -1"),
-    }
-    for line, words in ((line, words) for line, some in wrong.items() for words in some):
-        arm(f"{line} {words}").failed(2)
-        assert not (arm.folder / "out").exists(), words
 
 
 # ---------------------------------------------------------------- whole files

@@ -4,7 +4,6 @@ Rows of motions and of the arm itself stand with the commands that can make them
 """
 
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -248,17 +247,6 @@ def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(
     run = arm(IDENTIFY)
     assert run.status in (0, 4)
     assert re.search(r"error\[E40[23]\]|warning\[W40[236]\]", run.err), run.err
-
-
-@pytest.mark.slow
-def test_the_training_log_is_no_validation_log(arm):
-    assert arm(IDENTIFY).status == 0
-    line, allowed = "validate out/arm/parameters.npz", "--allow-training-data"
-    refused(arm(f"{line} log.csv"), "E405", 2, "log.csv was used to identify", allowed)
-    shutil.copy(arm.folder / "log.csv", arm.folder / "copy.csv")
-    refused(arm(f"{line} copy.csv"), "E405", 2)
-    assert arm(f"{line} log.csv --no-plot {allowed}").status == 0
-    assert arm(f"{line} unseen.csv --no-plot").status == 0
 
 
 # ---------------------------------------------------------------- decisions and versions

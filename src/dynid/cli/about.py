@@ -9,17 +9,13 @@ from typing import Any
 
 import click
 from click.shell_completion import get_completion_class
-from rich.markdown import Markdown
-from rich.text import Text
 
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, command_of
-from dynid.cli.failure import is_terminal
 from dynid.cli.options import (
     COMMON,
     PATH,
-    completed,
     configure,
     dynid_command,
     keys_of,
@@ -104,7 +100,6 @@ def doctor_command(session: Session) -> Answer:
     "word",
     required=False,
     metavar="[CODE|PAGE]",
-    shell_complete=completed(lambda: [*codes(), *pages()]),
 )
 def explain_command(session: Session, word: str | None) -> Answer:
     """Say what an error or warning code means and how to get rid of it, or show a page of the documentation."""
@@ -124,9 +119,7 @@ def explain_command(session: Session, word: str | None) -> Answer:
         return Answer(schema | {"code": code, **page(code)}, parts=lines)
     if word in pages():
         text = pages()[word].read_text(encoding="utf-8")
-        if not session.json:
-            terminal = is_terminal(session.stdout.file)
-            session.stdout.print(Markdown(text) if terminal else Text(text))
+        session.answer(text)
         return Answer(schema | {"page": word, "text": text})
     raise WrongUsage(
         f"no code or page '{word}'{closest(word, [*codes(), *pages()])}",

@@ -146,8 +146,6 @@ def _usage_error(error: click.ClickException) -> DynidError:
         near = error.possibilities
         text = f"no such option: {error.option_name}"
         text += f"; did you mean '{near[0]}'?" if near else ""
-        if where == "dynid":
-            fix = f"options stand after the command: dynid COMMAND {error.option_name}"
     if isinstance(error, click.BadParameter) and ctx is not None and error.param is not None:
         name = error.param.name or ""
         if ctx.get_parameter_source(name) is click.core.ParameterSource.DEFAULT_MAP:

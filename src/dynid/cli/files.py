@@ -12,10 +12,10 @@ import click
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import FILE, INPUT, PATH, ROBOTS, dynid_command, options_from
+from dynid.cli.options import FILE, INPUT, PATH, dynid_command, options_from
 from dynid.cli.prompt import input_hashes, may_write, write_once
 from dynid.cli.session import Session
-from dynid.errors import OutputExists, WrongUsage
+from dynid.errors import WrongUsage
 from dynid.judgement.rules import Step
 from dynid.options import LogOptions
 from dynid.text import shell
@@ -41,7 +41,6 @@ FILTERING = ("cutoff", "velocity", "delay")
 @click.argument("paths", metavar="PATH...", nargs=-1, required=True)
 @click.option(
     "--robot",
-    shell_complete=ROBOTS,
     metavar="ROBOT",
     help="The arm of the logs; by default the robot file among the paths.",
 )
@@ -106,8 +105,7 @@ def convert_command(
     if target is None:
         fix = shell("dynid", "convert", log, "-o", f"{log.stem}.npz")
         raise WrongUsage("no file to write is given", fix=fix)
-    if target.exists() and not session.force:
-        raise OutputExists(f"{target} exists", fix="--force, or another --to")
+    may_write(session, target, other="another --to")
     arm = dynid.load_robot(robot) if robot else None
     return workflows.files.convert(log, target, arm, options)
 

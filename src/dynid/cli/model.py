@@ -16,7 +16,6 @@ from dynid.cli.session import Session
 from dynid.errors import StaleCache
 from dynid.files import typed
 from dynid.judgement.rules import Step
-from dynid.model.base_model import key_of
 from dynid.model.printing import as_latex, as_python
 from dynid.runs import RunFolder
 from dynid.workflows.options import ModelOptions
@@ -97,11 +96,10 @@ def command(
 
 def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel:
     """Return the stored model when it is this robot's, otherwise derive and store it."""
-    folder, turning = session.folder(robot.slug), sum(joint.revolute for joint in robot.joints)
+    folder = session.folder(robot.slug)
     path = RunFolder(folder).model[0]
-    kinds = f"{robot.n} joints ({turning} revolute, {robot.n - turning} prismatic)"
     file = typed(robot.path) if robot.path else robot.source
-    session.stage("robot", f"{robot.name}, {kinds}, {robot.convention} DH, file {file}")
+    session.stage("robot", f"{robot.name}, {robot.n} joints, {robot.convention} DH, file {file}")
     changed = workflows.model.stored_differences(robot, folder)
     if changed is not None and rebuild is not True:
         what = f"{path} was made from an older robot file ({changed})"
@@ -112,12 +110,12 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
             raise StaleCache(what, fix="answer yes, or add --rebuild")
     derived = workflows.model.derive_model(robot, folder, rebuild=rebuild is True)
     if not derived.wrote:
-        session.stage("reused", f"{path}       (key {key_of(robot)}; --rebuild derives it again)")
+        session.stage("reused", f"{path}       (--rebuild derives it again)")
         return derived
     flops, seconds = derived.model.rigid.flops, derived.seconds["symbolic"]
     work = f"{derived.model.size} parameters, {flops} operations, {seconds:.2f} s"
     session.stage("symbolic", f"Newton-Euler, {work}")
-    session.wrote(path, note=f"key {key_of(robot)}, reused until the robot file changes")
+    session.wrote(path, note="reused until the robot file changes")
     return derived
 
 

@@ -9,7 +9,7 @@ A command is a function ``command(session, ...)`` under ``@dynid_command("name",
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import Field, fields, replace
 from functools import partial, wraps
 from pathlib import Path
@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
-from click.shell_completion import CompletionItem
 
 import dynid
 from dynid.answer import Answer
@@ -45,30 +44,6 @@ INPUT = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 # ---------------------------------------------------------------- single options
-def completed(words: Callable[[], Iterable[str]], *, files: bool = False) -> Any:  # noqa: ANN401
-    """Return what offers a shell the words that begin with what was typed, also after a comma, or else files."""
-
-    def offer(ctx: click.Context, param: click.Parameter, typed: str) -> list[CompletionItem]:
-        before, comma, begun = typed.rpartition(",")
-        matching = [f"{before}{comma}{word}" for word in words() if word.startswith(begun)]
-        return [*map(CompletionItem, matching)] or [CompletionItem(typed, type="file")] * files
-
-    return offer
-
-
-def _robots() -> Iterable[str]:
-    from dynid.files.robotfile import known_robots
-
-    return known_robots()
-
-
-def _effects() -> Iterable[str]:
-    from dynid.model.effects.catalogue import CATALOGUE
-
-    return ["all", *CATALOGUE]
-
-
-ROBOTS, EFFECTS = completed(_robots, files=True), completed(_effects)
 TIP = click.option(
     "--tip",
     metavar="LINK",
@@ -90,7 +65,7 @@ def robot_argument(function: Callable[..., Any]) -> Any:  # noqa: ANN401
     def loaded(session: Session, *, robot: str, tip: str | None, **values: Any) -> Any:  # noqa: ANN401
         return function(session, robot=load_robot(session, robot, tip), **values)
 
-    return click.argument("robot", shell_complete=ROBOTS)(TIP(loaded))
+    return click.argument("robot", type=click.Path())(TIP(loaded))
 
 
 def key_of(each: Field[Any]) -> str:
@@ -130,7 +105,6 @@ KINDS: dict[str, dict[str, Any]] = {
     "input": {"type": INPUT},
     "folder": {"type": click.Path(file_okay=False, path_type=Path)},
     "level": {"count": True},
-    "effects": {"shell_complete": EFFECTS},
 }
 
 

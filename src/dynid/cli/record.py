@@ -106,7 +106,6 @@ def command(
             fix = "leave out --move, --go-to-start and --zero-torques"
             raise WrongUsage("--listen-only sends nothing to the arm", fix=fix)
     planned = read_trajectory(trajectory, robot) if trajectory is not None else None
-    workflows.record.require_usable(robot, planned, options)
     session.stage("priority", raise_priority(), shown=bool(session.verbose))
     done = workflows.record.record(
         robot,

@@ -11,7 +11,7 @@ import click
 
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import ROBOTS, TIP, dynid_command, load_robot, options_from, robot_argument
+from dynid.cli.options import TIP, dynid_command, load_robot, options_from, robot_argument
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.session import Session
 from dynid.drivers.ros import raise_priority
@@ -35,7 +35,7 @@ THERE = click.Path(exists=True, path_type=Path)
         "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log",
     ),
 )
-@click.argument("robot", shell_complete=ROBOTS)
+@click.argument("robot", type=click.Path())
 @TIP
 @click.argument("source", metavar="TRAJECTORY", type=THERE)
 @options_from(SimulateOptions)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.answer import Answer, Judged, judged, picked
-from dynid.errors import WrongUsage
 from dynid.estimation import result_files
 from dynid.estimation.covariance import counted
 from dynid.estimation.draws import Draws, draws
@@ -19,7 +18,7 @@ from dynid.judgement.evidence import Evidence
 from dynid.table import Table
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 class Identification(Identified, Judged):
@@ -55,7 +54,6 @@ class Identification(Identified, Judged):
         motions: positions of each fitted log at 5 Hz, two minutes at most, (M, n) [rad or m].
         rigid: program of the rigid-body columns; None to derive it when it is needed.
         stack: the rows that it was made from; None when it was read from a file.
-        draw: draws torques on these logs, None for a result that was read.
     """
 
     @property
@@ -154,36 +152,6 @@ class Identification(Identified, Judged):
                 for row, each in zip(joints, units, strict=True)
             ]
         )
-
-    # ---------------------------------------------------------------- figures
-    def plot_torque(self) -> Figure:
-        """Return a figure of measured and estimated torque and their difference on the fitted logs, joint by joint.
-
-        Raises:
-            WrongUsage: the result was read from a file, which keeps no rows.
-        """
-        return self._figure(self.robot.joint_names, residual_only=False)
-
-    def plot_residual(self, joint: int | str) -> Figure:
-        """Return a figure of what the model leaves of the torque of one joint on the fitted logs.
-
-        Args:
-            joint: number from 1, or name.
-
-        Raises:
-            WrongUsage: there is no such joint, or the result was read from a file, which keeps no rows.
-        """
-        return self._figure((self.robot.joint_name(joint),), residual_only=True)
-
-    def _figure(self, joints: tuple[str, ...], *, residual_only: bool) -> Figure:
-        if self.draw is None:
-            raise WrongUsage(
-                f"{self.label} keeps no rows to draw",
-                fix="dynid.validate(result, log).plot_torque()",
-                where=self.label,
-            )
-        figure: Figure = self.draw(self, joints, residual_only)
-        return figure
 
     def draws(self, count: int, seed: int = 0) -> Draws:
         """Return arms drawn jointly from the posterior: possible bodies, friction, effects, residual model.

@@ -26,7 +26,7 @@ from dynid.workflows.options import CompareOptions
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Rows of changed numbers that are shown without -v.
+#: Rows of changed numbers that are shown.
 SHOWN = 12
 
 
@@ -191,19 +191,17 @@ class RunComparison(Answered):
     def answer(self) -> Answer:
         """Return what ``dynid compare`` answers."""
         judged = [run for run in self.runs if run.reference or len(self.runs) == 1]
-        parts, details = list[Part](), list[Part]()
+        parts = list[Part]()
         for run in judged:
             changes = run.table()
             parts += [*[run.name] * (len(judged) > 1), run.judgement, Table(changes[:SHOWN])]
-            parts += [""] * bool(changes)
             if len(changes) > SHOWN:
-                parts.append(f"and {len(changes) - SHOWN} more; all with -v or --json")
-                details += [run.name, changes]
+                parts.append(f"and {len(changes) - SHOWN} more; all with --json")
+            parts += [""] * bool(changes)
         drifts = [f"{run.name}: {run.drift}" for run in self.runs if run.drift]
         return Answer(
             self.facts(),
             parts=(*parts, self.table()),
-            details=details,
             next=[run.judgement.steps[0] for run in judged if run.changed][:1],
             limits=[] if self.baseline is None else drifts,
         )

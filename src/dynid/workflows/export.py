@@ -118,12 +118,9 @@ class ExportedModel(Answered):
 
     def sentence(self) -> str:
         """Return in one sentence whether the files have the torques of the model."""
-        refused = ", ".join(file.format for file in self.files if file.refused)
-        worst = ", ".join(file.format for file in self.files if not file.agrees)
-        if refused:
-            return f"Do not use {refused}: the program that should load it refuses it."
-        if worst:
-            return f"Do not use {worst}: the torques differ from those of the model."
+        wrong = ", ".join(file.format for file in self.files if not file.agrees)
+        if wrong:
+            return f"Do not use {wrong}: an engine refuses it, or has other torques than the model."
         if not any(file.agreements for file in self.files):
             return "The files are written; there is no program here to load them."
         return "The files have the torques of the model."

@@ -27,7 +27,6 @@ from dynid.model.kinematics import tool_pose
 from dynid.options import LogOptions
 from dynid.robot import Robot, roll_pitch_yaw
 from dynid.signals.describe import LogSummary, describe
-from dynid.table import Table
 from dynid.text import shell
 from dynid.units import joint_unit
 from dynid.workflows.options import ImportOptions
@@ -114,16 +113,13 @@ def checks_answer(
     warnings = sum(each.level == "warning" for each in findings)
     for each in checks:
         parts += [*[""] * bool(parts), *each.description, *each.findings]
-    count = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
-    parts.append(("verdict", f"{missing[0] if missing else 'usable'}{count}"))
-    *names, what = (Path(each.path).name for each in checks)
-    what = f"{', '.join(names)} and {what}" if names else what
+    names = " and ".join(Path(each.path).name for each in checks)
     but = f", but see the warning{'s' * (warnings > 1)}" if warnings else ": no mistake was found"
-    sentence = f"{what} can be used{but}."
+    sentence = f"{names} can be used{but}."
     if missing:
-        sentence = f"{what}: {missing[0]}."
+        sentence = f"{names}: {missing[0]}."
     elif any(each.kind == "log" and each.robot is None for each in checks):
-        sentence = f"{what} can be read; checking the numbers needs a robot file."
+        sentence = f"{names} can be read; checking the numbers needs a robot file."
     pairs = zip(checks, wrote, strict=True)
     facts = {
         "schema": "dynid/check/1",
@@ -187,29 +183,15 @@ def _check_robot(robot: Robot) -> Checked:
     kinds += f" joint{'s' * (robot.n > 1)}, {robot.convention} DH"
     place = "  ".join(f"{axis} {value:.3f}" for axis, value in zip("xyz", tool, strict=True))
     gravity = ", ".join(f"{value:g}" for value in robot.gravity)
-    effects = ", ".join(f"{e.effect} on {', '.join(e.joints)}" for e in robot.effects)
-    given = ("position", "velocity", "acceleration", "torque")
-    shares = {
-        name: sum(getattr(joint.limits, name) is not None for joint in robot.joints)
-        for name in given
-    }
     driver = "none: logs must have the robot file's joint names, rad and Nm, m and N"
     if robot.driver is not None:
         topic = robot.driver.topic or "the driver's usual topic"
         driver = f"{robot.driver.kind}, {topic}, torque from {robot.torque.source}"
-    prior = "none"
-    if robot.prior is not None:
-        numbers = f"{len(robot.prior.links)} links with numbers"
-        prior = "uniform cylinders" if robot.prior.cylinders else numbers
     lines = (
         ("robot", f"{robot.name}, {kinds}"),
         ("tool", f"at q = 0: {place} m   (compare with a ruler)"),
         ("gravity", f"{gravity} m/s^2 in frame 0"),
-        ("links", f"identified: {', '.join(map(str, robot.identified_links))}"),
-        ("limits", ", ".join(f"{name} of {count} joints" for name, count in shares.items())),
         ("driver", driver),
-        ("prior", prior),
-        *([("effects", effects)] if effects else []),
     )
     facts = {
         **picked(robot, "convention", robot="name", n_joints="n", key="model_key"),
@@ -230,9 +212,6 @@ def _check_result(path: Path) -> Checked:
     for key in ("robot", "command", "seed", "convention", "method", "rank", "key"):
         if key in header:
             lines.append((key, str(header[key])))
-    inputs = header.get("inputs")
-    for i, (name, hashed) in enumerate(inputs.items() if isinstance(inputs, dict) else ()):
-        lines.append(("" if i else "input", f"{name}  sha256 {str(hashed)[:12]}"))
     shapes = {name: list(array.shape) for name, array in artifact.arrays.items()}
     sizes = (f"{name} {' x '.join(map(str, shape)) or 'scalar'}" for name, shape in shapes.items())
     lines.append(("arrays", ", ".join(sizes)))
@@ -387,6 +366,7 @@ def convert(
     return Answer(facts, parts=(*findings, ("log", size)), wrote=[write_log(log, target)])
 
 
+UNKNOWN_EFFORT = "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file"
 HEAD = """\
 Made by dynid import from {urdf}, link {base} to {tip}; joint values are the URDF's.
 The frame of {tip} in the last DH frame: xyz {xyz}, rpy {rpy} [m, rad].
@@ -430,21 +410,13 @@ def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> tuple[s
         "findings": [asdict(finding) for finding in made.findings],
     }
     chain = f"{robot.n} joints from {made.base} to {made.tip}, {robot.convention} DH"
-    masses = ", ".join(f"{body.mass:.3g}" for body in bodies)
     answer = Answer(
         facts,
         parts=(
             *made.findings,
             ("robot", f"{robot.name}, {chain}"),
-            Table([{head: row[head] for head in [*row][:6]} for row in robot.table()]),
             ("check", f"forward kinematics agree with the URDF to {made.largest:.1e} m and rad"),
-            (
-                "torque",
-                "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file",
-            ),
+            ("torque", UNKNOWN_EFFORT),
         ),
     )
-    if robot.prior:
-        prior = ("prior", f"masses {masses} kg, inertias moved into the DH frames")
-        answer = replace(answer, parts=(*answer.parts, prior))
     return robot_text(robot, head), answer

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -62,12 +60,12 @@ from dynid.table import Table
 from dynid.text import closest
 from dynid.workflows.identify import identify
 from dynid.workflows.model import base_model_of
-from dynid.workflows.options import GapOptions, IdentifyOptions
+from dynid.workflows.options import GapOptions, IdentifyOptions, joint_indices
 from dynid.workflows.parameters import Observations
 from dynid.workflows.validate import Validation, validate
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 T = TypeVar("T")
 
@@ -92,21 +90,6 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
             raise WrongUsage(what, fix=f"some of {','.join(CATALOGUE)}")
     joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
     return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
-
-
-def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
-    """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
-    indices: dict[int, None] = {}
-    for word in filter(None, map(str.strip, text.split(","))):
-        span = re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", word, re.ASCII)
-        first, last = (int(span[1]), int(span[2] or span[1])) if span else (0, 0)
-        if word in names:
-            first = last = list(names).index(word) + 1
-        if not 1 <= first <= last <= len(names):
-            what = f"{option}: no joint '{word}'{closest(word, names)}"
-            raise WrongUsage(what, fix=f"1 to {len(names)}, or a name")
-        indices |= dict.fromkeys(range(first - 1, last))
-    return tuple(indices)
 
 
 @dataclass(frozen=True, repr=False)
@@ -252,18 +235,15 @@ class Gap(Judged, GapRecord):
         """Read gap.npz; what is read prints as it did, and cannot be applied."""
         return cls(**vars(read_record(Path(path))))
 
-    def plot_residual(self) -> Figure:
-        """Return a figure of residual over noise power of each joint, by speed, position, load, time and direction."""
-        return residual_figure(self.joints, self.joint_names, self.robot)
-
-    def plot_improvement(self) -> Figure:
-        """Return a figure of the held-out error of each joint before and after, with the noise."""
-        title = f"{self.robot}: the gap on held-out data ({self.heldout})"
-        return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
-
     def write_figures(self, folder: Path) -> list[Path]:
         """Write the figures as PNG: where.png, shrink.png, and one of each named effect."""
-        figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
+        title = f"{self.robot}: the gap on held-out data ({self.heldout})"
+        figures = {
+            "where": residual_figure(self.joints, self.joint_names, self.robot),
+            "shrink": improvement_figure(
+                self.improvement, self.joint_names, self.torque_units, title
+            ),
+        }
         for k, (one, curve) in enumerate(self.drawn(), start=1):
             figures[f"effect_{k}_{one.effect}"] = effect_figure(one, curve, self.robot)
         return [write_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
@@ -372,10 +352,10 @@ class Gap(Judged, GapRecord):
 
 
 def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
-    """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
-    folder, own = Path("robots") if Path("robots").is_dir() else Path(), robot.path
+    """Return where the copy of a robot file with effects goes: beside a file of one's own, else here."""
+    own, folder = robot.path, Path()
     if own is not None and packaged("robots").resolve() not in own.resolve().parents:
-        folder = own.parent if os.access(own.parent, os.W_OK) else folder
+        folder = own.parent
     return folder / f"{new_name(robot, effects)}.yaml"
 
 
@@ -468,20 +448,21 @@ def earlier_logs(result: Identification, new: Sequence[Log], options: GapOptions
     that is one of them cannot be compared with itself.
     """
     given = {log.sha256 for log in new if log.sha256}
-    pairs = zip(result.header.get("logs", []), result.log_sha256, strict=False)
-    before = [(Path(found_path(result, name)), sha) for name, sha in pairs]
-    own = given & {sha for _, sha in before}
-    if own and options.question == "auto":
+    if options.question == "auto" and given & {*result.log_sha256}:
         return []
-    if own:
-        text = "the model was identified from a log given here, so that log shows no change"
-        stage("earlier", text)
-    others = [(path, sha) for path, sha in before if sha not in given]
-    there = [path for path, sha in others if path.exists() and sha256(path) == sha]
-    if missing := ", ".join(str(path) for path, _ in others if path not in there):
-        text = f"missing, or changed since then: {missing}"
+    logs, missing = list[Log](), list[str]()
+    for name, sha in zip(result.header.get("logs", []), result.log_sha256, strict=False):
+        path = Path(found_path(result, name))
+        if sha in given:
+            continue
+        if path.exists() and sha256(path) == sha:
+            logs.append(load_log(path, result.robot, options, identify=False))
+        else:
+            missing.append(str(path))
+    if missing:
+        text = f"missing, or changed since then: {', '.join(missing)}"
         stage("earlier", f"logs that the model was identified from are {text}")
-    return [load_log(path, result.robot, options, identify=False) for path in there]
+    return logs
 
 
 @dataclass(frozen=True)

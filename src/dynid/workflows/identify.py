@@ -52,7 +52,6 @@ from dynid.model.base_model import BaseModel
 from dynid.model.regressor import expected_torque
 from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
-from dynid.reports.figures import motion_figure
 from dynid.robot import Known, Prior, Robot
 from dynid.runs import RunFolder
 from dynid.table import Table
@@ -61,19 +60,18 @@ from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras, IdentifyOptions
 from dynid.workflows.parameters import (
     Observations,
-    find_drive_gains,
     gain_facts,
+    gains_of,
     in_amperes,
     load_observations,
     log_inputs,
-    needs_gains,
     observe,
     stored_key,
     write_robot,
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 #: What the estimators are, for people.
 METHOD_TEXT = {
@@ -198,7 +196,7 @@ def identify(
         raise
     if _poor(result, base):
         result = replace(result, findings=(*_diagnosed(seen, robot, options), *result.findings))
-    return _reported(replace(result, header=header, draw=torque_figure))
+    return _reported(replace(result, header=header))
 
 
 def _reported(result: Identification) -> Identification:
@@ -298,18 +296,6 @@ def _poor(result: Identification, base: BaseModel) -> bool:
 
 
 # ---------------------------------------------------------------- what is drawn, written and answered
-def torque_figure(result: Identification, joints: tuple[str, ...], residual_only: bool) -> Figure:
-    """Return a figure of torques of joints on the logs that a new result was made from, which follow each other."""
-    motions = _fitted(result)
-    return motion_figure(
-        prediction.joined(motions),
-        result.robot,
-        joints,
-        f"{result.robot.name}, fitted logs",
-        residual_only=residual_only,
-    )
-
-
 def _fitted(result: Identification) -> list[prediction.EstimatedMotion]:
     """Return motions and torques of the logs that a new result was made from."""
     assert result.stack is not None, "a result that was read from a file has no rows"
@@ -384,7 +370,7 @@ def identify_run(
         return [read_log(path, arm, options) for path in paths]
 
     wrote: list[Path] = []
-    gains, robot = _gains(arm, logs if paths else list, options, extras, models), arm
+    gains, robot = gains_of(arm, logs if paths else list, options, extras, models), arm
     if gains is not None:
         written, robot = write_robot(folder, arm, gains)
         wrote.append(written)
@@ -477,37 +463,13 @@ def _inputs(
     path, default = RunFolder(folder).stack, IdentifyOptions().texts()
     inputs = dict(stored_key(path, robot).get("inputs", {}))
     for name in READING:
-        text = texts.pop(name, None)
-        if text not in (inputs.get(name), default.get(name)):
+        if texts.pop(name, None) != default.get(name):
             raise WrongUsage(
-                f"{name} is {inputs.get(name) or 'not set'} in {path}, not {text}",
-                why="without logs, the stack that dynid parameters wrote is used as it is",
-                fix=f"name the logs: dynid identify {robot.word} LOG --{name.replace('_', '-')} {text}",
+                f"{name} is given without a log",
+                why=f"without logs, {path}, which dynid parameters wrote, is used as it is",
+                fix=f"name the logs: dynid identify {robot.word} LOG",
             )
     return inputs | texts | hashed
-
-
-def _gains(
-    robot: Robot,
-    logs: Callable[[], list[Log]],
-    options: IdentifyOptions,
-    extras: Extras,
-    folder: Path,
-) -> Gains | None:
-    """Return the gains of the drives where the logs hold currents and not all gains are known."""
-    if robot.torque.complete or not any(needs_gains(robot, log) for log in logs()[:1]):
-        if extras.loaded:
-            what = "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains"
-            raise WrongUsage(what, fix="to identify a load: --payload-from RESULT")
-        return None
-    return find_drive_gains(
-        robot,
-        logs(),
-        options,
-        loaded=read_log(extras.loaded, robot, options) if extras.loaded else None,
-        load_mass=extras.load_mass,
-        folder=folder,
-    )
 
 
 def _write_payload(folder: Path, payload: IdentifiedPayload) -> Path:

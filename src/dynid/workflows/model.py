@@ -10,7 +10,6 @@ from typing import Any
 
 from dynid.answer import Answer, picked
 from dynid.arguments import public
-from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.files.artifact import read_header, reading
 from dynid.loading import RobotLike, as_robot
@@ -28,8 +27,7 @@ from dynid.model.regressor import Model, build_model
 from dynid.progress import Progress, stage
 from dynid.robot import Robot
 from dynid.runs import RunFolder
-from dynid.text import whole_number
-from dynid.workflows.options import ModelOptions
+from dynid.workflows.options import ModelOptions, joint_indices
 
 
 def adapted(robot: Robot, options: ModelOptions) -> Robot:
@@ -47,15 +45,8 @@ def adapted(robot: Robot, options: ModelOptions) -> Robot:
         robot = replace(robot, joints=tuple(joints))
     if options.links is None:
         return robot
-    links: set[int] = set()
-    for part in str(options.links).split(","):
-        first, _, last = part.strip().partition("-")
-        low, high = whole_number(first), whole_number(last or first)
-        if not 1 <= low <= high <= robot.n:
-            what = f"--links '{options.links}' does not name links of 1 to {robot.n}"
-            raise WrongUsage(what, fix="such as --links 1-3,5")
-        links |= set(range(low, high + 1))
-    return replace(robot, links=tuple(sorted(links)))
+    links = joint_indices(robot.joint_names, str(options.links), "--links")
+    return replace(robot, links=tuple(sorted(k + 1 for k in links)))
 
 
 # ---------------------------------------------------------------- the regressor
@@ -115,23 +106,14 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
     path = RunFolder(folder).model[0]
     if stored_key(path) in (None, key_of(robot)):
         return None
-    header, differences = read_header(path), []
-
-    def compare(name: str, old: object, new: object) -> None:
-        if old != new:
-            shown = (f"{x:g}" if isinstance(x, float) else f"{x}" for x in (old, new))
-            differences.append(f"{name} {' -> '.join(shown)}")
-
+    header, changed = read_header(path), list[str]()
     with reading(path):
         rows = header.get("geometry", [])
         for i, (joint, row) in enumerate(zip(robot.joints, rows, strict=False)):
-            names = ("type", "a", "twist", "d", "theta_offset")
-            for name, old in zip(names, row, strict=True):
-                compare(f"joints[{i}].{name}", old, getattr(joint, name))
-    compare("number of joints", len(rows), robot.n)
-    compare("convention", header.get("convention"), robot.convention)
-    compare("gravity", header.get("gravity"), list(robot.gravity))
-    return "; ".join(differences) or "other columns, links or version of dynid"
+            for name, old in zip(("a", "twist", "d", "theta_offset"), row[1:], strict=True):
+                if old != getattr(joint, name):
+                    changed.append(f"joints[{i}].{name} {old:g} -> {getattr(joint, name):g}")
+    return "; ".join(changed) or "other gravity, columns, links or version of dynid"
 
 
 def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False) -> DerivedModel:

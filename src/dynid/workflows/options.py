@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -9,10 +10,10 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
 
+from dynid.errors import WrongUsage
 from dynid.log import Log
 from dynid.options import (
     LEAST,
-    MOST,
     LogOptions,
     Options,
     number_or_nan,
@@ -22,7 +23,7 @@ from dynid.options import (
     unless,
 )
 from dynid.robot import EffectSpec, Prior
-from dynid.text import whole_number
+from dynid.text import closest, whole_number
 
 #: Columns that each joint may have beyond its link's ten parameters.
 EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
@@ -101,21 +102,16 @@ def _effect_specs(value: Any) -> tuple[EffectSpec, ...]:  # noqa: ANN401
     """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
     specs = []
     for item in (value,) if isinstance(value, (str, EffectSpec)) else value:
-        if isinstance(item, EffectSpec):
-            specs.append(item)
-            continue
-        head, _, numbers = item.partition(":")
-        effect, _, joints = head.partition("@")
-        try:
+        made = item
+        if isinstance(item, str):
+            head, _, numbers = item.partition(":")
+            effect, _, joints = head.partition("@")
             pairs = [part.split("=") for part in numbers.split(",") if part]
             parameters = {key.strip(): float(number) for key, number in pairs}
-        except ValueError:
-            text = f"'{item}' is not understood; write viscous@joint_2:fv=4.5"
-            raise ValueError(text) from None
-        if not all(abs(number) <= MOST for number in parameters.values()):
-            raise ValueError(f"'{item}' has a number beyond what can be measured")
-        named = tuple(joint for joint in joints.split(",") if joint)
-        specs.append(EffectSpec(effect, named, parameters))
+            made = EffectSpec(effect, tuple(filter(None, joints.split(","))), parameters)
+        if not isinstance(made, EffectSpec):
+            raise TypeError("it is no effect such as viscous@joint_2:fv=4.5")
+        specs.append(made)
     return tuple(specs)
 
 
@@ -127,6 +123,21 @@ def _quantity(value: Any, unit: str, most: float) -> float:  # noqa: ANN401
         shown = 100 * most if unit == "%" else most
         raise ValueError(f"it is not a positive number of {unit} up to {shown:g}")
     return number
+
+
+def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
+    """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
+    indices: dict[int, None] = {}
+    for word in filter(None, map(str.strip, text.split(","))):
+        span = re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", word, re.ASCII)
+        first, last = (int(span[1]), int(span[2] or span[1])) if span else (0, 0)
+        if word in names:
+            first = last = list(names).index(word) + 1
+        if not 1 <= first <= last <= len(names):
+            what = f"{option}: no joint '{word}'{closest(word, names)}"
+            raise WrongUsage(what, fix=f"1 to {len(names)}, or a name")
+        indices |= dict.fromkeys(range(first - 1, last))
+    return tuple(indices)
 
 
 # ---------------------------------------------------------------- options
@@ -285,7 +296,6 @@ class GapOptions(LogOptions):
         "all",
         "Effects to try, by identifier, separated by commas.",
         metavar="all|LIST",
-        kind="effects",
         read=_words,
     )
     joints: tuple[str, ...] = option(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,10 +30,8 @@ from dynid.estimation.stack import (
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.files.robotfile import text_of
 from dynid.loading import (
-    LogLike,
     LogsLike,
     RobotLike,
-    as_log,
     as_logs,
     as_robot,
     checked_log,
@@ -52,6 +50,7 @@ from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
 from dynid.text import printable, yaml_text
 from dynid.workflows.model import base_model
+from dynid.workflows.options import Extras
 
 
 @dataclass(frozen=True, repr=False)
@@ -276,60 +275,46 @@ def log_inputs(robot: Robot, logs: Sequence[Path]) -> dict[str, str]:
     return {"robot": robot.model_key, **hashes}
 
 
-def needs_gains(robot: Robot, log: Log) -> bool:
-    """Return whether a log as read holds motor currents whose gains are not all known."""
-    if robot.torque.complete:
-        return False
-    return robot.torque.source == "motor_current" or holds_currents(log, robot)
-
-
-@public
-def find_drive_gains(
-    robot: RobotLike,
-    logs: LogsLike,
-    options: LogOptions = LogOptions(),
-    *,
-    loaded: LogLike | None = None,
-    load_mass: float | None = None,
-    folder: str | Path | None = None,
-    progress: Progress | None = None,
-    **changes: Any,  # noqa: ANN401
-) -> Gains:
-    """Find the gains of all drives [N m per A] from logs of motor currents.
+def gains_of(
+    robot: Robot,
+    logs: Callable[[], list[Log]],
+    options: LogOptions,
+    extras: Extras,
+    folder: Path,
+) -> Gains | None:
+    """Return the gains of all drives [N m per A] where logs hold currents and not all gains are known.
 
     Args:
-        robot: the arm, its name, or the path of its file; gains that it knows stay as they are.
-        logs: logs of currents, or their paths.
+        robot: the arm; gains that it knows stay as they are.
+        logs: reads the logs.
         options: how they are checked and filtered.
-        loaded: a further log with a body of known mass on the last link.
-        load_mass: the mass of that body [kg]; None for the tool of the robot file.
+        extras: a further log with a body of known mass on the last link, and that mass; the robot file's tool without.
         folder: where the model is kept.
-        progress: reports how far the work is.
-        changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
     Raises:
-        WrongUsage: the gains cannot be found for this arm, the load is not known, or an argument is something else
-            than what is wanted (E101).
-
-    Example:
-        dynid.find_drive_gains("my_arm.yaml", "empty.csv", loaded="loaded.csv", load_mass=2.0)
+        WrongUsage: the gains cannot be found for this arm, or a load is given for logs that need none.
     """
-    robot = as_robot(robot)
-    given = as_logs(logs, robot, options)
-    if loaded is not None:
-        given.append(as_log(loaded, robot, options, "loaded"))
+    current, loaded = robot.torque.source == "motor_current", extras.loaded
+    if robot.torque.complete or not any(
+        current or holds_currents(log, robot) for log in logs()[:1]
+    ):
+        if loaded:
+            what = "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains"
+            raise WrongUsage(what, fix="to identify a load: --payload-from RESULT")
+        return None
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
         raise WrongUsage(
             "gains cannot be found with coupled motors or with some links only",
             fix="give them in the robot file: `torque: {source: motor_current, gain: [...]}`",
         )
+    given = [*logs(), *([read_log(loaded, robot, options)] if loaded else [])]
     robot = replace(robot, torque=replace(robot.torque, source="motor_current"))
     base = base_model(robot, folder)
     known = np.array(robot.torque.gain or (None,) * robot.n, dtype=float)
     checked = [checked_log(log, robot, options) for log in given]
     conditioned, load = condition_logs(checked, base.model, options), None
-    if loaded is not None:
-        load = known_load(base, stack_logs([conditioned.pop()], base), load_mass)
+    if loaded:
+        load = known_load(base, stack_logs([conditioned.pop()], base), extras.load_mass)
     return find_gains(stack_logs(conditioned, base), known, load, robot.torque.scale_error)
 
 

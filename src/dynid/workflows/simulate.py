@@ -11,7 +11,7 @@ import numpy as np
 from dynid.answer import Answer, Answered
 from dynid.arguments import public
 from dynid.arrays import Floats
-from dynid.errors import WrongRobotFile, WrongUsage
+from dynid.errors import WrongUsage
 from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
@@ -39,14 +39,10 @@ class Simulation(Answered):
     Attributes:
         log: what a driver would have recorded, in DH quantities.
         torque: drive torques without sensor errors, (N, n) [N m or N].
-        viscous: viscous friction that was added, (n,) [N m s/rad or N s/m].
-        coulomb: Coulomb friction that was added, (n,) [N m or N].
     """
 
     log: Log
     torque: Floats
-    viscous: Floats
-    coulomb: Floats
 
     def answer(self) -> Answer:
         """Return what ``dynid simulate`` answers."""
@@ -121,7 +117,7 @@ def simulate(
         dh=True,
         extra={"q_ref": q},
     )
-    return Simulation(log, tau, viscous, coulomb)
+    return Simulation(log, tau)
 
 
 def _effect_torque(
@@ -131,7 +127,7 @@ def _effect_torque(
 
     Raises:
         WrongUsage: a parameter of an effect is missing.
-        WrongRobotFile: there is no such effect in a robot file.
+        WrongRobotFile: there is no such effect.
     """
     states, rigid = (motion.t, motion.q, motion.qd, motion.qdd), replace(robot, effects=())
     path = ArmMotion(*states, rigid, reference, lambda values: values)
@@ -140,13 +136,7 @@ def _effect_torque(
         numbers = ((joint, whole_number(joint)) for joint in spec.joints)
         joints = tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers)
         named = replace(spec, joints=joints)
-        try:
-            effect = checked(named, robot)
-        except WrongRobotFile as error:
-            if spec in robot.effects:
-                raise
-            what = f"--effect: {error.what.removeprefix('effects: ')}"
-            raise WrongUsage(what, fix=LISTED) from error
+        effect = checked(named, robot)
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
         shape = {name: named.parameters[name] for name in effect.shape_units}
@@ -157,7 +147,4 @@ def _effect_torque(
         for where in joints_of(named, effect, robot):
             columns = effect.columns(path, where, shape)
             torque[:, list(effect.rows(where, robot.n))] += np.tensordot(sizes, columns, axes=1).T
-        if not np.all(np.isfinite(torque)):
-            what = f"--effect: {effect.name} gives no finite torque with these numbers"
-            raise WrongUsage(what, fix=LISTED)
     return torque

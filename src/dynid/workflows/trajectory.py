@@ -685,16 +685,15 @@ def plan_inputs(
     """Return what a plan depends on, for its header.
 
     Args:
-        robot: the arm; beyond its model, its limits, base pose, prior and torque noise count.
+        robot: the arm.
         options: what is wanted.
         files: further files by what they are; None for one that is not given.
     """
-    joints = [asdict(joint.limits) for joint in robot.joints]
-    bodies = [asdict(each) if each else None for each in (robot.prior, robot.tool)]
-    parts = [joints, robot.base_xyz, robot.base_rpy, *bodies, robot.torque.noise]
-    limits = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+    known = asdict(replace(robot, path=None, source="", findings=()))
+    text = json.dumps(known, sort_keys=True, default=str)
+    file = hashlib.sha256(text.encode()).hexdigest()
     hashes = {name: sha256(path) for name, path in files.items() if path is not None}
-    return {"robot": robot.model_key, "limits": limits, **hashes, **options.texts()}
+    return {"robot": robot.model_key, "robot file": file, **hashes, **options.texts()}
 
 
 #: Lead in evidence from which one explanation is better beyond doubt, and how many times as much a plan should promise.

@@ -37,13 +37,6 @@ def test_the_suffix_names_the_format_and_the_file_is_written_and_proved(
     assert all(each.agrees and each.agreements for each in beside)
 
 
-def test_several_formats_go_to_a_folder_under_the_name_of_the_robot(result, tmp_path):
-    made = export(result, tmp_path, formats=("c", "yaml"))
-    assert [file.path for file in made.files] == [tmp_path / "arm.c", tmp_path / "arm.yaml"]
-    assert made.facts()["wrote"] == [str(tmp_path / "arm.c"), str(tmp_path / "arm.yaml")]
-    assert [row["format"] for row in made.table()] == ["c", "yaml"]
-
-
 def test_a_suffix_of_no_format_is_refused_with_those_there_are(result, tmp_path):
     with pytest.raises(WrongUsage, match=r"no format has the suffix '\.stl'") as raised:
         export(result, tmp_path / "arm.stl")

@@ -58,13 +58,6 @@ def test_the_class_table_marks_each_joint(base):
     )
 
 
-def test_names_from_a_file_are_text_in_html(base):
-    evil = replace(base.model.robot, name="<script>alert(1)</script>")
-    html = replace(base, model=replace(base.model, robot=evil))._repr_html_()
-    assert "<script>" not in html
-    assert "&lt;script&gt;" in html
-
-
 def test_without_pandas_a_data_frame_is_refused_by_name(base, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(PackageMissing, match="pandas"):

@@ -66,18 +66,6 @@ def test_jobs_side_by_side_and_on_dask_give_the_same_bytes_and_the_failed_one_is
 
 
 @pytest.mark.slow
-def test_a_job_is_done_again_only_when_what_it_depends_on_has_changed(batch):
-    line, done = "run batch.yaml --only job0 --json", []
-    for _ in range(3):
-        if len(done) == 2:
-            log(5).save(batch.folder / "log0.npz")
-        done += batch(line).facts["jobs"]
-    assert [each["reused"] for each in done] == [False, True, False]
-    parameters = [each["answers"]["identify"][0]["parameters"] for each in done]
-    assert parameters[0] == parameters[1] != parameters[2]
-
-
-@pytest.mark.slow
 def test_a_job_that_its_worker_cannot_do_fails_alone(batch, monkeypatch):
     def killed(job, *_):
         if job.name == "job1":

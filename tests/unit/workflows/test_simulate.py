@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from dynid import Motion, SimulateOptions, base_model, load_robot, simulate
-from dynid.errors import WrongUsage
+from dynid.errors import DynidError
 from dynid.model.regressor import ModelTorques, prior_vector
 from dynid.robot import Body, Prior
 from motions import tones
@@ -100,5 +100,5 @@ def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion, bare):
     ],
 )
 def test_an_effect_without_its_numbers_or_of_another_name_is_refused(bare, text, said):
-    with pytest.raises(WrongUsage, match=said):
+    with pytest.raises(DynidError, match=said):
         bare(effects=(text,))
