@@ -108,7 +108,7 @@ def light_case_of(seed):
 
 def logs_of(case):
     """Return an arm as the user's file has it, logs to identify from, a replay, and one more motion."""
-    robot, base = arm_of(case["arm"])
+    robot, _ = arm_of(case["arm"])
     spec = SineSpec(case["seconds"], max(5.0, case["seconds"] / 2), 0.7, 0.5, 0.5, -math.inf)
     motions = [
         sines(robot, spec, STEP, np.random.default_rng([case["seed"], 2, k]))
@@ -117,9 +117,7 @@ def logs_of(case):
     count = iter(range(100))
 
     def log(motion, changed):
-        found = simulate(
-            robot, motion, base=base, noise=case["noise"], seed=case["seed"] + next(count)
-        )
+        found = simulate(robot, motion, noise=case["noise"], seed=case["seed"] + next(count))
         tau, j = found.log.tau.copy(), case["joint"]
         size = case["size"] * np.sqrt(np.mean(found.torque[:, j] ** 2))
         if changed and case["hidden"] == "spring":
@@ -129,7 +127,7 @@ def logs_of(case):
         elif changed and case["hidden"] == "drift":
             tau[:, j] += size * np.linspace(0, 1, len(tau)) ** 2
         elif changed and case["hidden"] == "payload":
-            loaded = simulate(robot, motion, base=base, noise=0.0, payload=2.0 * case["size"])
+            loaded = simulate(robot, motion, noise=0.0, payload=2.0 * case["size"])
             tau += loaded.torque - found.torque
         elif case["hidden"] == "wrong_sign":
             tau[:, j] *= -1.0
@@ -242,22 +240,20 @@ def said_of(case, searched):
         save_result(Path(folder), result)
         stored = load_run(Path(folder))
         answers["identify"] = plain(stored.facts())
-        found = validate(stored, replay, base=base)
+        found = validate(stored, replay)
         found = replace(found, log=str(Path(folder) / "replay.npz"))
         answers["validate"] = plain(found.facts())
         found.save(found.folder(Path(folder) / "validation"))
         if searched:
             answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
             try:
-                gap = find_gap(
-                    load_run(Path(folder)), [replay], earlier=fitted, base=base, effects=TRIED
-                )
+                gap = find_gap(load_run(Path(folder)), [replay], earlier=fitted, effects=TRIED)
                 gap.save(Path(folder) / "gap.npz")
                 answers["gap"] = plain(gap.facts())
                 answers["report"] = plain(report(load_run(Path(folder))).facts())
             except DynidError as error:
                 row["gap_refused"] = error.code
-        truth = validate(stored, unseen, base=base)
+        truth = validate(stored, unseen)
     floor = true_floor(case, result, unseen)
     error = np.array([joint.rms for joint in truth.joints])
     torque = np.array([joint.torque_rms for joint in truth.joints])

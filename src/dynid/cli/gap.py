@@ -68,9 +68,8 @@ def command(
     stored = dynid.loading.load_run(parameters)
     run = RunFolder.of(stored.path)
     workflows.gap.selection_options(stored.robot, options)
-    base = workflows.model.base_model_of(stored, run.path)
     stage("read")
-    gap = dynid.find_gap(stored, logs, options, base=base)
+    gap = dynid.find_gap(stored, logs, options)
     stage("draw")
     run.remove_search()
     # Why first: what a simulator does afterwards takes no answer away.
@@ -82,7 +81,7 @@ def command(
     done = Answer({**answer.facts, "simulator": None}, next=answer.next)
     if chosen and ask(session, "P7", given=given, effect=effect) is Reply.YES:
         done = added(session, gap, chosen, new_name, run, plot=plot)
-    return replace(done, wrote=(*wrote, *done.wrote, *workflows.report.renewed(stored.path, base)))
+    return replace(done, wrote=(*wrote, *done.wrote, *workflows.report.renewed(stored.path)))
 
 
 def added(

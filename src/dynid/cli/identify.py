@@ -131,7 +131,7 @@ def identify_command(
     models = session.folder(robot.slug)
     folder = models if extras.payload_from is None else models.with_name(f"{models.name}_loaded")
     folder = session.out or folder
-    answer, base = workflows.identify.identify_run(
+    answer = workflows.identify.identify_run(
         robot,
         logs,
         options,
@@ -143,7 +143,7 @@ def identify_command(
     )
     run = RunFolder(folder)
     new = (report or open) and (run.parameters in answer.wrote or not run.report.is_file())
-    wrote = workflows.report.renewed(run.parameters, base, first=True) if new else []
+    wrote = workflows.report.renewed(run.parameters, first=True) if new else []
     write_run(folder, answer.facts["inputs"])
     if open:
         click.launch(str(run.report.resolve()))

@@ -50,13 +50,12 @@ def validate_command(
     run = RunFolder.of(stored.path)
     if mcap is not None:
         may_write(session, mcap)
-    base = workflows.model.base_model_of(stored, run.path)
-    validation = workflows.validate.validate(stored, log, options, base=base)
+    validation = dynid.validate(stored, log, options)
     folder = validation.folder(run.path / "validation")
     wrote = [validation.save(folder), *(validation.write_figures(folder) if plot else [])]
     if mcap is not None:
-        wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
-    wrote += workflows.report.renewed(stored.path, base)
+        wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(stored)))
+    wrote += workflows.report.renewed(stored.path)
     return replace(validation.answer(), wrote=wrote)
 
 

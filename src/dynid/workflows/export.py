@@ -28,12 +28,10 @@ from dynid.exporters.interface import (
 )
 from dynid.exporters.simulated import simulated
 from dynid.loading import ResultLike, as_result
-from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, notice, stage
 from dynid.table import Table
 from dynid.text import closest
 from dynid.version import __version__
-from dynid.workflows.model import base_model_of
 from dynid.workflows.options import ExportOptions
 
 
@@ -185,7 +183,6 @@ def export(
     options: ExportOptions = ExportOptions(),
     *,
     formats: str | Sequence[str] = (),
-    base: BaseModel | None = None,
     seed: int = 0,
     write: Callable[[Path, str], object] | None = None,
     progress: Progress | None = None,
@@ -199,7 +196,6 @@ def export(
             when ``formats`` are given.
         options: which parameters are written, and into which URDF.
         formats: names of formats, written to the folder ``path`` under the name of the robot.
-        base: the result's base model, where it is there already.
         seed: seed of the random states that torques are compared on.
         write: writes a text to a file; None overwrites what is there.
         progress: reports what is compared.
@@ -222,7 +218,7 @@ def export(
     names = chosen or (format_of(path),)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
-    arm = identified_arm(result, names, options, base)
+    arm = identified_arm(result, names, options)
     findings = _possible(arm, names, options)
     notice(findings)
     arm = replace(arm, warning="; ".join(finding.text for finding in findings))
@@ -293,7 +289,6 @@ def identified_arm(
     result: Identification,
     formats: Iterable[str],
     options: ExportOptions = ExportOptions(),
-    base: BaseModel | None = None,
 ) -> IdentifiedArm:
     """Return what is exported from a result."""
     which, full = options.parameters, result.physical
@@ -301,12 +296,11 @@ def identified_arm(
         bodies = any(FORMATS[name].needs_bodies for name in formats)
         which = "physical" if bodies else result.in_force
     theta = result.reduction.K @ full.x if which == "physical" else result.plain
-    base = base or base_model_of(result, result.path.parent if result.path.name else None)
     return IdentifiedArm(
-        base,
+        result.base,
         theta,
         result.knowledge,
-        full_model(base, full, theta),
+        full_model(result.base, full, theta),
         Provenance(
             version=str(result.header.get("dynid", __version__)),
             method=result.method,

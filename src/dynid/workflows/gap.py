@@ -49,7 +49,6 @@ from dynid.loading import (
     parameters_of,
 )
 from dynid.log import Log
-from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.progress import Progress, heard_by, stage
 from dynid.reports.figures import write_figure
@@ -59,7 +58,6 @@ from dynid.signals.conditioned_log import ConditionedLog, stretches
 from dynid.table import Table
 from dynid.text import closest
 from dynid.workflows.identify import identify
-from dynid.workflows.model import base_model_of
 from dynid.workflows.options import GapOptions, IdentifyOptions, joint_indices
 from dynid.workflows.parameters import Observations
 from dynid.workflows.validate import Validation, validate
@@ -404,7 +402,6 @@ def find_gap(
     options: GapOptions = GapOptions(),
     *,
     earlier: LogsLike | None = None,
-    base: BaseModel | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Gap:
@@ -416,7 +413,6 @@ def find_gap(
         options: what is searched and how.
         earlier: logs that the model was identified from, to find what has changed since; None to look for their files,
             () for none.
-        base: the result's base model, where it is there already.
         progress: reports how far the work is.
         changes: single options by name, such as ``joints="2-4"``; see ``dynid.GapOptions``.
 
@@ -432,7 +428,7 @@ def find_gap(
     wanted = selection_options(result.robot, options)
     given = as_logs(logs, result.robot, options)
     before = as_logs(earlier, result.robot, options, "earlier") if earlier else []
-    search = _Search(result, base or base_model_of(result), wanted, options)
+    search = _Search(result, wanted, options)
     new = search.checked(given)
     if options.question not in ("auto", "changed"):
         before = []
@@ -471,21 +467,21 @@ class _Search:
 
     Attributes:
         result: the result.
-        base: its base model.
         wanted: what is searched.
         options: how recordings are read.
     """
 
     result: Identification
-    base: BaseModel
     wanted: SelectionOptions
     options: GapOptions
 
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
-        checked = [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
+        checked = [
+            checked_log(log, self.result.base.robot, self.options, identify=False) for log in logs
+        ]
         for log in checked:
-            check_weight(log, self.base.robot)
+            check_weight(log, self.result.base.robot)
         return checked
 
     def answered(self, new: Sequence[Log], before: Sequence[Log]) -> Gap:
@@ -515,7 +511,8 @@ class _Search:
 
     def ask(self, question: str, logs: Sequence[Log], earlier: Sequence[Log], why: str) -> Gap:
         """Ask one question of checked logs, and of those that the model was identified from; ``why`` in words."""
-        result, base, wanted, options = self.result, self.base, self.wanted, self.options
+        result, wanted, options = self.result, self.wanted, self.options
+        base = result.base
         kept = question == "changed"
         # Why no delay otherwise: there it is one of the effects that are looked for.
         delay = result.delay if kept else 0.0
@@ -555,7 +552,7 @@ class _Search:
             for one in suspicions(search.problem, search.selected)
             if (not effects or COUNTERBALANCE in effects) and (not joints or one.joint in joints)
         ]
-        names = self.base.robot.joint_names
+        names = self.result.base.robot.joint_names
         sought = [one for one in suspected if one.searched]
         if not sought:
             return _with_likely(gap, suspected, names)
@@ -569,19 +566,18 @@ class _Search:
         if any(one.name == COUNTERBALANCE for one in analysis.verdict.named):
             of_arm = self._recorded(analysis, "arm", why)
             return replace(of_arm, recordings=gap.recordings, signals=gap.signals)
-        gap = replace(gap, asked=f"{why} {_not_told(sought, analysis)}")
-        return _with_likely(gap, sought, names)
+        return _with_likely(replace(gap, asked=why), sought, names)
 
     def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
         """Return an analysis as the answer to a question, without logs and signals."""
         made_from = str(self.result.path) if self.result.path.name else ""
-        record = record_of(analysis, self.base.robot, question, why, made_from)
+        record = record_of(analysis, self.result.base.robot, question, why, made_from)
         facts = vars(record) | {"of": fingerprint(self.result)}
         return Gap(**facts, analysis=analysis, searched=self.result)
 
     def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
         """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
-        searched, parts = stretches(condition_logs(logs, self.base.model, options), LONGEST)
+        searched, parts = stretches(condition_logs(logs, self.result.base.model, options), LONGEST)
         if parts:
             text = f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
             stage("stretches", text)
@@ -601,7 +597,7 @@ class _Search:
             exclude=self.options.exclude,
         )
         try:
-            now = identify(self.base.robot, logs, options, base=self.base)
+            now = identify(self.result.base.robot, logs, options, base=result.base)
             # Why the other way round: what was taken off hung there when the model was identified.
             loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
             return with_reestimated_payload(analysis, load, find_payload(loaded, bare))
@@ -661,8 +657,7 @@ class _Search:
     ) -> list[Validation]:
         """Return replays of logs by a result, read as they were for the search."""
         read = picked(self.options, "exclude", "velocity")
-        base = self.base if result is self.result else None
-        return [validate(result, log, base=base, cutoff=cutoff, **read) for log in logs]
+        return [validate(result, log, cutoff=cutoff, **read) for log in logs]
 
 
 # ---------------------------------------------------------------- counterbalances, which heavier links imitate
@@ -693,26 +688,10 @@ def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str])
                 probability=one.probability,
             )
         )
+    links = " and ".join(dict.fromkeys(f"link {one.link}" for one in doubtful))
     return replace(
         gap,
         closest=(*likely, *gap.closest),
         verdict="unexplained" if any(one.odd for one in doubtful) else gap.verdict,
-        advice=f"Give the mass {_links(doubtful)} from the data sheet with --link-mass and identify again.",
+        advice=f"Give the mass of {links} from the data sheet with --link-mass and identify again.",
     )
-
-
-def _not_told(suspected: Sequence[Suspicion], analysis: GapAnalysis) -> str:
-    """Return why no counterbalance is named, and what would tell."""
-    joints = [(one.joint,) for one in suspected]
-    reasons = [text for one, text in analysis.verdict.closest if one.joints[:1] in joints]
-    what = "Torques alone do not separate it from heavier links"
-    if all(one.sure for one in suspected):
-        what = "Without it, the logs fit as well only with implausible links"
-    return (
-        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {_links(suspected)} from the data sheet "
-        "(known: link_mass in the robot file) and identify again."
-    )
-
-
-def _links(suspected: Sequence[Suspicion]) -> str:
-    return " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))

@@ -343,8 +343,8 @@ def identify_run(
     models: Path,
     may_write: Callable[[Path, Mapping[str, str]], bool] = lambda path, inputs: True,
     header: Callable[[Mapping[str, str]], dict[str, Any]],
-) -> tuple[Answer, BaseModel]:
-    """Identify in a folder, or with equal inputs take the result that is there; return the answer and the base model.
+) -> Answer:
+    """Identify in a folder, or with equal inputs take the result that is there.
 
     Args:
         robot: the arm.
@@ -379,7 +379,7 @@ def identify_run(
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
     reused = not updated and not may_write(path, inputs)
     if reused and unloaded is None:
-        result = replace(load_run(path), rigid=base.model.rigid)
+        result = load_run(path)
         noticed = (Finding(**each) for each in result.header.get("log_findings", []))
         notice((*noticed, *result.findings))
     else:
@@ -397,7 +397,7 @@ def identify_run(
     if payload is not None:
         wrote.insert(0, _write_payload(folder, payload))
     result = replace(result, path=path)
-    return _answer(result, inputs, gains, payload, wrote), base
+    return _answer(result, inputs, gains, payload, wrote)
 
 
 def _answer(

@@ -10,7 +10,6 @@ from typing import Any
 
 from dynid.answer import Answer, picked
 from dynid.arguments import public
-from dynid.estimation.result import Identification
 from dynid.files.artifact import read_header, reading
 from dynid.loading import RobotLike, as_robot
 from dynid.model.base_model import (
@@ -202,19 +201,6 @@ def base_model(
         made = f"{len(reduced.base.reduction.names)} -> {reduced.base.rank} base parameters"
         stage("model", f"derived for {robot.name}: {made}, stored in {folder}")
     return reduced.base
-
-
-def base_model_of(result: Identification, folder: Path | None = None) -> BaseModel:
-    """Return the model that a result was made with; its base parameters are those of the result, never found anew.
-
-    Args:
-        result: the result.
-        folder: where the model is kept; None keeps it in memory.
-    """
-    if folder is None:
-        return BaseModel(base_model(result.robot).model, result.reduction)
-    stage("model")
-    return BaseModel(derive_model(result.robot, folder).model, result.reduction)
 
 
 # ---------------------------------------------------------------- for people

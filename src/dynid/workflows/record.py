@@ -32,7 +32,7 @@ from dynid.robot import Robot
 from dynid.text import shell
 from dynid.trajectory.feasible import unsafe_to_play
 from dynid.trajectory.scene import Scene, scene_from
-from dynid.workflows.model import base_model, base_model_of
+from dynid.workflows.model import base_model
 from dynid.workflows.options import RecordOptions
 
 #: A recording that only listens ends after so many times the silence that stops a motion.
@@ -266,7 +266,7 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
             )
         if stored.robot.torque.relative:
             raise WrongUsage(f"{stored.path} predicts currents", fix="leave out --parameters")
-        base = base_model_of(stored, stored.path.parent)
+        base = stored.base
         theta, words = stored.theta, source
     observer = base.model.observer(base.reduction.base)
     return TorqueForecaster(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.judgement.rules import Judgement
 from dynid.loading import ResultLike, as_result
-from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage
 from dynid.reports.gathered import gather
 from dynid.reports.page import page, summary
@@ -77,7 +76,7 @@ def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
     return Report(result.robot.name, gathered.judgement, page(gathered), summary(gathered))
 
 
-def renewed(path: Path, base: BaseModel, *, first: bool = False) -> list[Path]:
+def renewed(path: Path, *, first: bool = False) -> list[Path]:
     """Write the report beside a result again, where there is one or it is the first, and return its files.
 
     Why: what is written beside a result makes the page there say less than is known, or something else.
@@ -85,4 +84,4 @@ def renewed(path: Path, base: BaseModel, *, first: bool = False) -> list[Path]:
     run = RunFolder.of(path)
     if not (first or run.report.is_file()):
         return []
-    return report(replace(as_result(path), rigid=base.model.rigid)).save(run.path)
+    return report(path).save(run.path)

@@ -14,17 +14,15 @@ from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
-from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import checked, joints_of
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import prior_bodies
-from dynid.model.regressor import Model, ModelTorques, prior_vector
+from dynid.model.regressor import ModelTorques, build_model, prior_vector
 from dynid.motion import Motion
 from dynid.progress import Progress, stage
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.sim.arm import SimulatedArm
 from dynid.text import whole_number
-from dynid.workflows.model import base_model
 from dynid.workflows.options import SimulateOptions
 
 #: What computes the rigid bodies.
@@ -62,7 +60,6 @@ def simulate(
     motion: MotionLike,
     options: SimulateOptions = SimulateOptions(),
     *,
-    base: BaseModel | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Simulation:
@@ -72,7 +69,6 @@ def simulate(
         robot: the arm, its name, or the path of its file; its prior are the true bodies.
         motion: what it does, evenly sampled; or a plan, or its path.
         options: friction, effects and sensors.
-        base: the arm's base model, where it is there already; needed for effects.
         progress: reports what is computed.
         changes: single options by name, such as ``payload=2.0``; see ``dynid.SimulateOptions``.
 
@@ -100,7 +96,7 @@ def simulate(
     tau = tau + viscous * motion.qd + coulomb * sign
     if specs := (*robot.effects, *options.effects):
         rigid = replace(robot, effects=())
-        model = Model(rigid, (base or base_model(rigid)).model.rigid)
+        model = build_model(rigid)
         reference = ModelTorques(model, prior_vector(model))
         tau = tau + _effect_torque(robot, motion, specs, reference)
     moved = motion.t - options.delay

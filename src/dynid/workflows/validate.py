@@ -34,7 +34,6 @@ from dynid.loading import (
     checked_log,
     condition_logs,
 )
-from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage
 from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
@@ -42,8 +41,7 @@ from dynid.runs import RunFolder
 from dynid.signals.motion import same_motion
 from dynid.table import Table
 from dynid.workflows.export import identified_arm
-from dynid.workflows.model import base_model_of
-from dynid.workflows.options import ExportOptions, ValidateOptions
+from dynid.workflows.options import ValidateOptions
 from dynid.workflows.parameters import in_amperes
 
 if TYPE_CHECKING:
@@ -220,7 +218,6 @@ def validate(
     log: LogLike,
     options: ValidateOptions = ValidateOptions(),
     *,
-    base: BaseModel | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Validation:
@@ -230,7 +227,6 @@ def validate(
         result: identified parameters, their folder or their file.
         log: the recording, or its path.
         options: how it is checked and filtered.
-        base: the result's base model, where it is there already.
         progress: reports how far the work is.
         changes: single options by name, such as ``cutoff=5``; see ``dynid.ValidateOptions``.
 
@@ -247,7 +243,7 @@ def validate(
     where = str(log.source or log.name)
     if log.sha256 and log.sha256 in result.log_sha256 and not options.allow_training_data:
         raise SameRecording(f"{where} was used to identify {result.path}", where=where)
-    base = base or base_model_of(result)
+    base = result.base
     options = replace(
         options,
         cutoff=result.cutoff if options.cutoff is None else options.cutoff,
@@ -307,6 +303,6 @@ def _expected(
     return float(100.0 * np.sqrt(variance / torque))
 
 
-def urdf_of(result: Identification, base: BaseModel) -> str:
+def urdf_of(result: Identification) -> str:
     """Return the URDF of an arm with its identified bodies, for viewers: also where no body has the parameters."""
-    return FORMATS["urdf"].text(identified_arm(result, ("urdf",), ExportOptions(), base))
+    return FORMATS["urdf"].text(identified_arm(result, ("urdf",)))

@@ -236,7 +236,7 @@ def test_a_counterbalance_is_not_told_from_heavier_links_until_their_mass_is_kno
         "A counterbalance on shoulder makes the links more plausible (without it, there is a link 1 of"
         in unknown.asked
     )
-    assert "Give the mass of link 1 from the data sheet" in unknown.asked
+    assert "Give the mass of link 1 from the data sheet" in unknown.advice
     (one,) = [one for one in unknown.closest if one.effect == "counterbalance"]
     assert unknown.verdict == "unexplained", "an odd link is not nothing"
     assert one.values["b"] == pytest.approx(-40.0, abs=4 * one.std_errors["b"])

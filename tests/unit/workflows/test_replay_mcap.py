@@ -11,7 +11,6 @@ from rosbags.typesys import Stores, get_typestore
 
 import twolink
 from dynid import validate
-from dynid.workflows.model import base_model_of
 from dynid.workflows.validate import urdf_of
 
 KINDS, NAMES = ("measured", "predicted", "residual"), ["shoulder", "elbow"]
@@ -21,7 +20,7 @@ KINDS, NAMES = ("measured", "predicted", "residual"), ["shoulder", "elbow"]
 def replay(result, tmp_path_factory):
     found = validate(result, twolink.log(2))
     path = tmp_path_factory.mktemp("replay") / "replay.mcap"
-    return found, found.save_mcap(path, urdf_of(result, base_model_of(result)))
+    return found, found.save_mcap(path, urdf_of(result))
 
 
 def test_mcap_reads_the_topics(replay):
