@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dynid.answer import Answer, Answered, Judged, Part, picked
 from dynid.arguments import public
@@ -19,12 +19,9 @@ from dynid.judgement.evidence import Change as ChangedNumber
 from dynid.judgement.evidence import Evidence
 from dynid.judgement.rules import Judgement
 from dynid.loading import ResultLike, as_result, as_results
-from dynid.reports.tables import JunitCase, junit, run_rows, runs_csv, runs_latex
+from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
 from dynid.table import Table
 from dynid.workflows.options import CompareOptions
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 #: Rows of changed numbers that are shown.
 SHOWN = 12
@@ -205,14 +202,6 @@ class RunComparison(Answered):
             next=[run.judgement.steps[0] for run in judged if run.changed][:1],
             limits=[] if self.baseline is None else drifts,
         )
-
-    def to_dataframe(self) -> DataFrame:
-        """Return one row per run: figures, then every parameter with its standard error.
-
-        Raises:
-            PackageMissing: pandas is not installed.
-        """
-        return Table(run_rows(*self._named())).to_dataframe().set_index("run")
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid compare`` says."""

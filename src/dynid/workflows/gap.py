@@ -308,8 +308,6 @@ class Gap(Judged, GapRecord):
         header = {
             **result.header,
             "inputs": {f"log {k}": hashed for k, hashed in enumerate(result.log_sha256, start=1)},
-            "effects": [asdict(spec) for spec in specs],
-            "made_from": self.made_from,
         }
         return replace(result, robot=replace(result.robot, path=path), header=header)
 

@@ -178,8 +178,8 @@ class ModelOptions(Options):
 
 
 @dataclass(frozen=True)
-class PriorOptions(Options):
-    """What is known about the bodies of an arm before anything is measured."""
+class IdentifyOptions(LogOptions):
+    """How parameters are identified, and what is known about the bodies before anything is measured."""
 
     prior: Path | Prior | None = option(
         None,
@@ -209,20 +209,6 @@ class PriorOptions(Options):
         read=partial(_of_links, count=3),
     )
 
-    @property
-    def given(self) -> bool:
-        """Whether any option says what is known of the bodies."""
-        return (
-            self.prior is not None
-            or self.total_mass is not None
-            or bool(self.link_mass or self.com_box)
-        )
-
-
-@dataclass(frozen=True)
-class IdentifyOptions(PriorOptions, LogOptions):
-    """How parameters are identified."""
-
     method: str = option(
         "auto",
         "Estimator; auto takes the one that the log allows and reports why.",
@@ -251,6 +237,12 @@ class IdentifyOptions(PriorOptions, LogOptions):
     drop_weak: bool = option(
         False, "Continue when the log does not determine all parameters, or only badly."
     )
+
+    @property
+    def given(self) -> bool:
+        """Whether any option says what is known of the bodies."""
+        known = (self.prior, self.total_mass, self.link_mass or None, self.com_box or None)
+        return known != (None,) * 4
 
 
 @dataclass(frozen=True)

@@ -246,7 +246,6 @@ class Plan(Answered):
                 **picked(self.options, "seed", rate_hz="rate"),
                 "scene": scene_facts(self.options, self.urdf),
                 **{key: answer[key] for key in ("assumed_limits", "left_out_pairs")},
-                "pictures": [picture.name for picture in self.clearance.pictures],
             },
         )
 

@@ -129,10 +129,6 @@ class Validation(Judged):
         )
         return replace(judged(self.judgement, self.facts(), self.table(), text), limits=self.broken)
 
-    def plot_torque(self) -> Figure:
-        """Return a figure of measured and estimated torque and their difference, one panel per joint."""
-        return motion_figure(self.motion, self.robot, self.robot.joint_names, self.title)
-
     def plot_residual(self, joint: int | str) -> Figure:
         """Return a figure of what the model leaves of the torque of one joint.
 

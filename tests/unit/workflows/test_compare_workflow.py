@@ -61,10 +61,3 @@ def test_texts_for_other_programs_hold_the_runs(result, scaled):
     assert r" & run 1 & run 2 \\" in found.latex()
     assert 'tests="1" failures="1" errors="0"' in found.junit()
     assert 'testcase name="run 2"' in found.junit()
-
-
-def test_a_data_frame_has_one_row_per_run(result, other):
-    pytest.importorskip("pandas")
-    frame = compare([result, other]).to_dataframe()
-    assert list(frame.index) == ["run 1", "run 2"]
-    assert frame.loc["run 1", "fv1"] == result.theta[result.names.index("fv1")]
