@@ -19,13 +19,11 @@ class Sample:
 
     Attributes:
         arrival: when it came, on the monotonic clock [s].
-        stamp: time in its header [ns].
         q: (n,) [rad or m].
         tau: (n,) [N m or N, A for a current].
     """
 
     arrival: float
-    stamp: int
     q: Floats
     tau: Floats
 
@@ -75,8 +73,7 @@ class Columns:
             np.array([values[i] for i in where], dtype=float)
             for values in (message.position, message.effort)
         )
-        stamp = message.header.stamp.secs * 10**9 + message.header.stamp.nsecs
-        return Sample(arrival, stamp, self.positions_dh(q), self.efforts_dh(tau))
+        return Sample(arrival, self.positions_dh(q), self.efforts_dh(tau))
 
     def positions_dh(self, q: Floats) -> Floats:
         """Return driver positions, in its unit, as DH positions, (..., n) [rad or m]."""

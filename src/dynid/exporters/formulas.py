@@ -93,9 +93,6 @@ def written(node: Node, robot: Robot, bristle: int = 0) -> str:
             return f"({f' {node.head} '.join(parts)})"
         case "^":
             return f"pow({parts[0]}, {node.value!r})"
-        case "clip":
-            limit = number(node.value)
-            return f"(0.5 * (abs({parts[0]} + {limit}) - abs({parts[0]} - {limit})))"
     return f"{node.head}({parts[0]})"
 
 

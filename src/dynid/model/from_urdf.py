@@ -59,9 +59,9 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
             break
         link, count = ahead[0].child, count + 1
     # Why: what hangs on an arm is a hand of short fingers; branches longer than the way to them are arms of their own.
-    branches = [_chains(urdf, joint) for joint in ahead]
-    if not count or any(longest > count for longest, _ in branches):
-        tips = ", ".join(end for _, ends in branches for end in ends)
+    if not count or any(_longest(urdf, joint) > count for joint in ahead):
+        moving = (joint.child for joint in urdf.joints if joint.moves)
+        tips = ", ".join(end for end in moving if not _next_moving(urdf, end))
         raise wrong_urdf(
             urdf.path,
             f": the joints fork at link '{link}'; the arm may end at {tips or 'no link: no joint moves'}",
@@ -76,14 +76,9 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
     return start, link
 
 
-def _chains(urdf: Urdf, joint: UrdfJoint) -> tuple[int, list[str]]:
-    """Return the number of moving joints in the longest chain that begins with one, and the last links of all."""
-    count, layer, tips = 0, [joint], []
-    while layer:
-        ahead = [(one.child, _next_moving(urdf, one.child)) for one in layer]
-        tips += [link for link, more in ahead if not more]
-        count, layer = count + 1, [each for _, more in ahead for each in more]
-    return count, tips
+def _longest(urdf: Urdf, joint: UrdfJoint) -> int:
+    """Return the number of moving joints in the longest chain that begins with one."""
+    return 1 + max((_longest(urdf, one) for one in _next_moving(urdf, joint.child)), default=0)
 
 
 def _next_moving(urdf: Urdf, link: str) -> list[UrdfJoint]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,36 +13,17 @@ from dynid.record import tuning
 from dynid.robot import Robot
 
 
-@dataclass(frozen=True)
-class StopRules:
-    """When to stop.
-
-    Attributes:
-        deviation: largest distance between planned and measured position [rad or m].
-        stale: longest time without a joint state [s]; a driver at 50 Hz may lose a dozen.
-        late: latest a command may leave [s]; by then the arm has seen ten periods of silence.
-        torque: largest share of a joint's rating.
-        high_samples: a torque must be high in so many states running; one may be a spike of the sensor.
-    """
-
-    deviation: float = tuning.STOP_DEVIATION
-    stale: float = tuning.STOP_STALE_S
-    late: float = tuning.STOP_LATE_S
-    torque: float = tuning.STOP_TORQUE_SHARE
-    high_samples: int = tuning.STOP_TORQUE_STATES
-
-
 @dataclass
 class Monitor:
     """The monitor of one run; it also remembers how near the limits the run came.
 
     Args:
         robot: the arm.
-        rules: when to stop.
+        max_deviation: largest distance between planned and measured position [rad or m].
     """
 
     robot: Robot
-    rules: StopRules = field(default_factory=StopRules)
+    max_deviation: float = tuning.STOP_DEVIATION
     largest_deviation: float = 0.0
     largest_lateness: float = 0.0
     largest_torque_share: float = 0.0
@@ -60,9 +41,9 @@ class Monitor:
             PacingLate: too late.
         """
         self.largest_lateness = max(self.largest_lateness, late)
-        if late > self.rules.late:
+        if late > tuning.STOP_LATE_S:
             raise PacingLate(
-                f"a command was {1e3 * late:.0f} ms late (limit {1e3 * self.rules.late:.0f}): "
+                f"a command was {1e3 * late:.0f} ms late (limit {1e3 * tuning.STOP_LATE_S:.0f}): "
                 f"stopped at t = {time:.1f} s"
             )
 
@@ -81,9 +62,9 @@ class Monitor:
             TorqueHigh: a torque is near the rating.
         """
         age = now - sample.arrival
-        if age > self.rules.stale:
+        if age > tuning.STOP_STALE_S:
             raise StateStale(
-                f"no joint state for {age:.2f} s (limit {self.rules.stale:g}): stopped at t = {time:.1f} s"
+                f"no joint state for {age:.2f} s (limit {tuning.STOP_STALE_S:g}): stopped at t = {time:.1f} s"
             )
         if sample.arrival == self._last_checked:
             return
@@ -95,20 +76,20 @@ class Monitor:
         error = np.abs(sample.q - planned)
         worst = int(np.nanargmax(error)) if np.isfinite(error).any() else 0
         self.largest_deviation = max(self.largest_deviation, float(error[worst]))
-        if not error[worst] <= self.rules.deviation:
+        if not error[worst] <= self.max_deviation:
             unit = "rad" if self.robot.joints[worst].revolute else "m"
             raise TrackingLost(
                 f"{self.robot.joint_names[worst]} is {error[worst]:.2f} {unit} from where it should be "
-                f"(limit {self.rules.deviation:g}): stopped at t = {time:.1f} s, log kept"
+                f"(limit {self.max_deviation:g}): stopped at t = {time:.1f} s, log kept"
             )
 
     def _torque(self, sample: Sample, time: float) -> None:
         share = np.abs(sample.tau) / self._rating
         worst = int(share.argmax())
         self.largest_torque_share = max(self.largest_torque_share, float(share[worst]))
-        self._high = self._high + 1 if share[worst] > self.rules.torque else 0
-        if self._high >= self.rules.high_samples:
+        self._high = self._high + 1 if share[worst] > tuning.STOP_TORQUE_SHARE else 0
+        if self._high >= tuning.STOP_TORQUE_STATES:
             raise TorqueHigh(
                 f"{self.robot.joint_names[worst]} reads {sample.tau[worst]:.1f} N m, {100 * share[worst]:.0f} % of its "
-                f"rating (limit {100 * self.rules.torque:.0f} %): stopped at t = {time:.1f} s"
+                f"rating (limit {100 * tuning.STOP_TORQUE_SHARE:.0f} %): stopped at t = {time:.1f} s"
             )

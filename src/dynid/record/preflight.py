@@ -29,7 +29,6 @@ from dynid.model.regressor import expected_torque
 from dynid.motion import Motion
 from dynid.progress import stage
 from dynid.record import tuning
-from dynid.record.monitor import StopRules
 from dynid.record.playing import PlayedMotion, approach, joined, nearest_turn, repeated
 from dynid.record.recorder import Listener
 from dynid.robot import Robot
@@ -215,7 +214,7 @@ def check_place(sample: Sample, robot: Robot, motion: Motion) -> None:
         StartPoseOff: it is elsewhere by now.
     """
     age = time.monotonic() - sample.arrival
-    if age > StopRules().stale:
+    if age > tuning.STOP_STALE_S:
         raise StateStale(
             f"no joint state for {age:.1f} s: the arm was not moved",
             fix="is the driver still there?",

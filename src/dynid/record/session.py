@@ -21,7 +21,7 @@ from dynid.drivers.joint_state import Sample
 from dynid.drivers.ros import Node, ping_master
 from dynid.errors import CannotWrite, DynidError, MasterSilent
 from dynid.record import tuning
-from dynid.record.monitor import Monitor, StopRules
+from dynid.record.monitor import Monitor
 from dynid.record.playing import ReferenceMotion
 from dynid.record.recorder import Listener, LogRecorder, Tally
 
@@ -74,7 +74,7 @@ class Outcome:
 def play(
     port: CommandPort,
     reference: ReferenceMotion,
-    rules: StopRules,
+    max_deviation: float,
     recorder: LogRecorder,
     poll: Poll,
 ) -> Outcome:
@@ -83,12 +83,12 @@ def play(
     Args:
         port: the driver, ready.
         reference: the motion.
-        rules: when to stop.
+        max_deviation: distance from the plan at which it stops [rad or m].
         recorder: running.
         poll: called about twenty times a second with the time of the motion; True stops it like the operator's key.
     """
     listener = recorder.listener
-    monitor = Monitor(port.robot, rules)
+    monitor = Monitor(port.robot, max_deviation)
     stream = Stream(port, reference, monitor, lambda: listener.latest, recorder.command)
     guard = MasterMonitor(port.node, stream.halt)
     outcome = Outcome()

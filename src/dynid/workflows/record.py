@@ -22,8 +22,8 @@ from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.model.base_model import prior_base_parameters
 from dynid.motion import Motion
 from dynid.progress import advance, notice, stage
-from dynid.record import manifest, motion_checks, playing, preflight, session
-from dynid.record.monitor import Monitor, StopRules
+from dynid.record import manifest, motion_checks, playing, preflight, session, tuning
+from dynid.record.monitor import Monitor
 from dynid.record.motion_checks import Forecast, TorqueForecaster
 from dynid.record.preflight import ObservedState, at_candle, check_place
 from dynid.record.recorder import Listener, LogRecorder
@@ -343,7 +343,7 @@ def _moved(
             advance(time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad")
             return run.operator.stop_pressed()
 
-        return session.play(port, reference, StopRules(run.options.max_deviation), recorder, poll)
+        return session.play(port, reference, run.options.max_deviation, recorder, poll)
 
     return _written(run, listener, port, play, forecast)
 
@@ -353,7 +353,7 @@ def _listened(run: _Session, listener: Listener, port: CommandPort) -> Recording
     _ask_to_replace(run)
     seconds = run.options.duration
     stage("listening", f"{seconds:g} s" if seconds else "until Enter or Ctrl-C")
-    stale = PATIENT * StopRules().stale
+    stale = PATIENT * tuning.STOP_STALE_S
 
     def listen(recorder: LogRecorder) -> Outcome:
         return session.listen_only(recorder, seconds, stale, lambda _: run.operator.stop_pressed())

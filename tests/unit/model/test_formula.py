@@ -39,13 +39,13 @@ def test_a_formula_is_what_it_says(motion):
     q, qd, qdd, t = motion.q, motion.qd, motion.qdd, motion.t
     assert_allclose(
         columns(
-            "a cos(2 q4) |qd4| + b tau2*qd - 2 c clip(tau3, 0.5) sign(qd1) / (1 + t) + d (q2 - q3)^2 qdd1",
+            "a cos(2 q4) |qd4| + b tau2*qd - 2 c tau3 sign(qd1) / (1 + t) + d (q2 - q3)^2 qdd1",
             motion,
         ),
         [
             np.cos(2 * q[:, 3]) * np.abs(qd[:, 3]),
             motion.rigid[:, 1] * qd[:, 1],
-            -2 * np.clip(motion.rigid[:, 2], -0.5, 0.5) * np.sign(qd[:, 0]) / (1 + t),
+            -2 * motion.rigid[:, 2] * np.sign(qd[:, 0]) / (1 + t),
             (q[:, 1] - q[:, 2]) ** 2 * qdd[:, 0],
         ],
     )

@@ -11,7 +11,7 @@ STILL = np.zeros(7)
 
 
 def seen(arrival, q=STILL, tau=STILL):
-    return Sample(arrival, 0, q, tau)
+    return Sample(arrival, q, tau)
 
 
 def test_a_good_state_passes_and_is_remembered():

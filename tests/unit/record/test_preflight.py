@@ -26,8 +26,8 @@ def test_a_motion_begins_at_its_first_pose_with_an_arm_at_rest(q, moved):
 
 
 def test_an_arm_that_was_moved_or_fell_silent_while_a_person_was_asked_is_not_commanded():
-    check_place(Sample(time.monotonic(), 0, off(0.04), STILL), ARM, REST)
+    check_place(Sample(time.monotonic(), off(0.04), STILL), ARM, REST)
     with pytest.raises(StartPoseOff, match="moved after it was checked"):
-        check_place(Sample(time.monotonic(), 0, off(0.4), STILL), ARM, REST)
+        check_place(Sample(time.monotonic(), off(0.4), STILL), ARM, REST)
     with pytest.raises(StateStale, match="the arm was not moved"):
-        check_place(Sample(time.monotonic() - 1.0, 0, STILL, STILL), ARM, REST)
+        check_place(Sample(time.monotonic() - 1.0, STILL, STILL), ARM, REST)

@@ -36,9 +36,9 @@ class Node:
     """A part of a formula.
 
     Attributes:
-        head: ``number``, ``name``, ``signal``, ``t``, ``+``, ``*``, ``^``, ``clip`` or a function.
+        head: ``number``, ``name``, ``signal``, ``t``, ``+``, ``*``, ``^`` or a function.
         parts: what it is made of.
-        value: the number; of ``^`` the exponent, of ``clip`` the limit.
+        value: the number; of ``^`` the exponent.
         text: the name; of a signal its kind.
         joint: of a signal, from 1; 0 for the joint that the formula acts on.
     """
@@ -92,7 +92,7 @@ def _python(text: str) -> str:
         if word == "|":
             bars += 1 if opens else -1
         starts = opens or word[0].isalnum() or word[0] in "._"
-        function = word == "(" and bool(words) and words[-1] in {*FUNCTIONS, "clip"}
+        function = word == "(" and bool(words) and words[-1] in FUNCTIONS
         if ended and starts and not function:
             words.append("*")
         words.append({"^": "**", "|": "abs(" if opens else ")"}.get(word, word))
@@ -108,7 +108,7 @@ def _node(tree: ast.expr, text: str) -> Node:
             return Node("number", value=float(value))
         case ast.Name(id="t"):
             return Node("t")
-        case ast.Name(id=name) if name not in {*FUNCTIONS, "clip"}:
+        case ast.Name(id=name) if name not in FUNCTIONS:
             signal = _SIGNAL.fullmatch(name)
             if signal:
                 return Node("signal", text=signal[1], joint=int(signal[2] or 0))
@@ -122,8 +122,6 @@ def _node(tree: ast.expr, text: str) -> Node:
             first, second = _node(left, text), made(_node(right, text))
             flat = first.parts if first.head == head else (first,)
             return Node(head, (*flat, second))
-        case ast.Call(func=ast.Name(id="clip"), args=[inner, limit]):
-            return Node("clip", (_node(inner, text),), _number(limit, text))
         case ast.Call(func=ast.Name(id=name), args=[inner]) if name in FUNCTIONS:
             return Node(name, (_node(inner, text),))
     return refuse(text, f"'{ast.unparse(tree)}' is not expected")
@@ -172,8 +170,6 @@ def value_of(node: Node, motion: ArmMotion, own: int) -> Floats:
     parts = [value_of(part, motion, own) for part in node.parts]
     if node.head == "^":
         return parts[0] ** node.value
-    if node.head == "clip":
-        return np.clip(parts[0], -node.value, node.value)
     if node.head in FUNCTIONS:
         return FUNCTIONS[node.head](parts[0])
     return np.asarray(reduce(np.add if node.head == "+" else np.multiply, parts))

@@ -157,8 +157,8 @@ _ALL = (
         equation="c after the time `since`",
         signature="the mean of the residual jumps at one time, and stays where it is",
         separate="zero the torque sensors and record again",
-        # Why a ramp of 50 ms: the low-pass filter of the torques knows no faster one.
-        forms=("clip(20 (t - {since}), 0.5) + 0.5",),
+        # A ramp of 50 ms: the low-pass filter of the torques knows no faster one.
+        forms=("10 (|t - {since} + 0.025| - |t - {since} - 0.025|) + 0.5",),
         shapes_of=laws.step_times,
         shape_units={"since": "s"},
         steps={"since": ("plus", 0.5)},
