@@ -7,13 +7,11 @@ import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from makelogs import STORE as ROS1
 from makelogs import joint_state
 from makelogs import write_bag as write_ros1
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 KIND = "sensor_msgs/msg/JointState"
-ARRAY = "std_msgs/msg/Float64MultiArray"
 
 
 def stamps(log, start=1_700_000_000_000_000_000):
@@ -26,16 +24,6 @@ def ros2_state(ns, names, q, qd=(), tau=()):
         types["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), "base"
     )
     return types[KIND](header, list(names), *(np.asarray(x, dtype=float) for x in (q, qd, tau)))
-
-
-def array_of(store, values):
-    types = store.types
-    dimension = types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)
-    layout = types["std_msgs/msg/MultiArrayLayout"]([dimension], 0)
-    return types[ARRAY](layout, np.asarray(values, dtype=float))
-
-
-ros1_array, ros2_array = partial(array_of, ROS1), partial(array_of, ROS2)
 
 
 def cdr(message):
@@ -108,16 +96,10 @@ def write_text(
     delimiter=",",
     comma=False,
     head="",
-    pattern=None,
     unit=1.0,
 ):
-    """Write a table in one dialect; ``pattern`` gives the names of the columns: position, effort, time."""
-    position, effort, time = pattern or ("q_{name}", "tau_{name}", "t")
-    words = [time]
-    for form in (position, effort):
-        words += [
-            form.replace("{name}", name).replace("{i}", str(i)) for i, name in enumerate(log.names)
-        ]
+    """Write a table in one dialect."""
+    words = ["t", *(f"{kind}_{name}" for kind in ("q", "tau") for name in log.names)]
     rows = np.column_stack([log.t, log.q, log.tau])
     lines = [head + delimiter.join(words)]
     for row in rows.tolist():

@@ -55,6 +55,18 @@ class Finding:
     evidence: dict[str, Any] = field(default_factory=dict)
 
 
+#: Exit status of the mistakes of a topic, which is the first digit of their codes.
+USUAL_STATUS = {
+    "1": ExitStatus.USAGE,
+    "2": ExitStatus.INPUT,
+    "3": ExitStatus.INPUT,
+    "4": ExitStatus.DATA,
+    "5": ExitStatus.UNSAFE,
+    "6": ExitStatus.MACHINE,
+    "7": ExitStatus.DECISION,
+}
+
+
 class DynidError(Exception):
     """Base of all mistakes that dynid reports to a person.
 
@@ -69,6 +81,11 @@ class DynidError(Exception):
     status: ClassVar[ExitStatus] = ExitStatus.INTERNAL
     why: str = ""
     fix: str = ""
+
+    def __init_subclass__(cls) -> None:
+        """Give a mistake the status of its topic where it has none of its own."""
+        if "status" not in vars(cls):
+            cls.status = USUAL_STATUS[cls.code[1]]
 
     def __init__(self, what: str, *, where: object = "", why: str = "", fix: str = "") -> None:
         self.what, self.where = what, str(where)
@@ -92,7 +109,7 @@ def located(where: str) -> Iterator[None]:
 class WrongUsage(DynidError):
     """An option or argument has a value that the command cannot use."""
 
-    code, status = "E101", ExitStatus.USAGE
+    code = "E101"
     why = "the command cannot use this value"
     fix = "see the command's help: dynid COMMAND -h"
 
@@ -101,7 +118,7 @@ class WrongUsage(DynidError):
 class UnknownKey(DynidError):
     """The YAML file has a key that dynid does not know."""
 
-    code, status = "E201", ExitStatus.INPUT
+    code = "E201"
     why = "a misspelt key would be ignored, and its default used instead"
     fix = "rename or remove the key; `dynid explain robot-file` lists all keys"
 
@@ -109,7 +126,7 @@ class UnknownKey(DynidError):
 class AngleTooLarge(DynidError):
     """An angle of the DH table is more than a full turn."""
 
-    code, status = "E202", ExitStatus.INPUT
+    code = "E202"
     why = "angles are read in radians unless the file says otherwise"
     fix = "add `angle_unit: deg` to the robot file, or write the angle as `90 deg`"
 
@@ -117,7 +134,7 @@ class AngleTooLarge(DynidError):
 class NotANumber(DynidError):
     """A value of the YAML file is text, or YAML reads it as something else, where a number belongs."""
 
-    code, status = "E203", ExitStatus.INPUT
+    code = "E203"
     why = "YAML 1.1 reads 1e-3 as text, 012 as octal, 1:30 as 90 and off as false"
     fix = "write a plain decimal number such as 1.0e-3"
 
@@ -125,7 +142,7 @@ class NotANumber(DynidError):
 class MissingConvention(DynidError):
     """The robot file does not say which DH convention its table uses."""
 
-    code, status = "E204", ExitStatus.INPUT
+    code = "E204"
     why = "standard (distal) and modified (proximal, Craig/Khalil) tables describe different robots"
     fix = "add `convention: standard` or `convention: modified`; `dynid explain robot-file` says how to tell"
 
@@ -141,7 +158,7 @@ class RobotNotFound(DynidError):
 class ImplausibleGravity(DynidError):
     """The gravity vector has a length that no place on Earth has."""
 
-    code, status = "E206", ExitStatus.INPUT
+    code = "E206"
     why = "masses and first moments scale with gravity, so a wrong unit spoils all of them"
     fix = "give gravity in m/s^2, for example [0, 0, -9.81]"
 
@@ -149,7 +166,7 @@ class ImplausibleGravity(DynidError):
 class NotYaml(DynidError):
     """The file is not valid YAML, or gives a key twice."""
 
-    code, status = "E207", ExitStatus.INPUT
+    code = "E207"
     why = "the rest of the file cannot be trusted"
     fix = "correct the line; indent with spaces, give each key once"
 
@@ -157,7 +174,7 @@ class NotYaml(DynidError):
 class WrongRobotFile(DynidError):
     """A key is missing from the robot file or has a value that cannot be used."""
 
-    code, status = "E208", ExitStatus.INPUT
+    code = "E208"
     why = "the model would describe another robot"
     fix = "correct the value; `dynid explain robot-file` describes each key"
 
@@ -165,7 +182,7 @@ class WrongRobotFile(DynidError):
 class ReductionsDisagree(DynidError):
     """The singular values leave open how many base parameters there are."""
 
-    code, status = "E209", ExitStatus.INPUT
+    code = "E209"
     why = "a value of the DH table or of gravity is close to a special value such as 90 deg or 0, but not equal to it"
     fix = "write the special value exactly (90 deg instead of 1.57, 0 instead of 1e-9), or move it away from it"
 
@@ -173,7 +190,7 @@ class ReductionsDisagree(DynidError):
 class WrongUrdf(DynidError):
     """The URDF cannot be read, or is not the serial arm that is asked for."""
 
-    code, status = "E210", ExitStatus.INPUT
+    code = "E210"
     why = "one chain of revolute and prismatic joints is needed"
     fix = "expand a xacro first; name the ends of the chain with --base and --tip"
 
@@ -182,7 +199,7 @@ class WrongUrdf(DynidError):
 class LogNotFound(DynidError):
     """There is no such log, or the file is not a log."""
 
-    code, status = "E301", ExitStatus.INPUT
+    code = "E301"
     why = "a log is a .bag, .db3, .mcap, .npz, .csv or .tsv file, or a folder of rosbag2 or of text files"
     fix = "check the path"
 
@@ -190,7 +207,7 @@ class LogNotFound(DynidError):
 class TopicMissing(DynidError):
     """The topic is not in the bag."""
 
-    code, status = "E303", ExitStatus.INPUT
+    code = "E303"
     why = "joint states are read from one topic"
     fix = "name one of the topics with --topic"
 
@@ -198,7 +215,7 @@ class TopicMissing(DynidError):
 class WrongMessageType(DynidError):
     """The topic carries a message that does not hold joint positions and torques."""
 
-    code, status = "E304", ExitStatus.INPUT
+    code = "E304"
     why = "positions and torques with time stamps are needed"
     fix = "choose the joint_state topic with --topic"
 
@@ -206,7 +223,7 @@ class WrongMessageType(DynidError):
 class BagTruncated(DynidError):
     """The bag ends early or has no index, and too little of it can be read."""
 
-    code, status = "E305", ExitStatus.INPUT
+    code = "E305"
     why = "the recorder was probably killed before it closed the file"
     fix = "record again, or repair a copy: rosbag reindex LOG.bag, mcap recover LOG.mcap, sqlite3 LOG.db3 .recover"
 
@@ -214,7 +231,7 @@ class BagTruncated(DynidError):
 class NotFinite(DynidError):
     """The log has samples that are not a number or infinite."""
 
-    code, status = "E306", ExitStatus.INPUT
+    code = "E306"
     why = "one such value spoils every parameter"
     fix = "leave that time out with --exclude T0-T1"
 
@@ -222,7 +239,7 @@ class NotFinite(DynidError):
 class PositionInDegrees(DynidError):
     """Positions go beyond the joint's limits but would fit in radians after division by 57.3."""
 
-    code, status = "E307", ExitStatus.INPUT
+    code = "E307"
     why = "the log is probably in degrees"
     fix = "add `units: {position: deg}` under `driver:` in the robot file"
 
@@ -230,7 +247,7 @@ class PositionInDegrees(DynidError):
 class VelocityInconsistent(DynidError):
     """The measured velocity is not the change of the measured position."""
 
-    code, status = "E308", ExitStatus.INPUT
+    code = "E308"
     why = "unit or sign of the velocity column is wrong"
     fix = "correct `driver.units.velocity` or `driver.sign`, or use --velocity derived"
 
@@ -238,7 +255,7 @@ class VelocityInconsistent(DynidError):
 class JointNamesDiffer(DynidError):
     """The log's joint names are not those of the robot file, or two columns look swapped."""
 
-    code, status = "E309", ExitStatus.INPUT
+    code = "E309"
     why = "columns are taken by name, never by position"
     fix = "list the log's names in chain order under `driver.joint_names`"
 
@@ -246,7 +263,7 @@ class JointNamesDiffer(DynidError):
 class JointCountDiffers(DynidError):
     """The file has another number of joints than the robot."""
 
-    code, status = "E310", ExitStatus.INPUT
+    code = "E310"
     why = "one column per joint is needed"
     fix = "use the robot file that belongs to this recording"
 
@@ -254,7 +271,7 @@ class JointCountDiffers(DynidError):
 class TimeNotIncreasing(DynidError):
     """Time stamps go back or stand still."""
 
-    code, status = "E311", ExitStatus.INPUT
+    code = "E311"
     why = "derivatives over such a step are meaningless"
     fix = (
         "leave the overlap out with --exclude T0-T1, or use --sort-time if stamps are only shuffled"
@@ -264,7 +281,7 @@ class TimeNotIncreasing(DynidError):
 class TooManyLost(DynidError):
     """More than one sample in twenty is missing."""
 
-    code, status = "E312", ExitStatus.INPUT
+    code = "E312"
     why = "filtering and differentiation need an even time grid"
     fix = "record again closer to the driver, with less load on the machine"
 
@@ -288,7 +305,7 @@ class RateTooLow(DynidError):
 class GravityRemoved(DynidError):
     """Torques at rest do not change with the pose: the driver has subtracted gravity."""
 
-    code, status = "E317", ExitStatus.INPUT
+    code = "E317"
     why = "masses and first moments are identified through gravity"
     fix = (
         "set the driver parameter publish_torque_with_gravity_compensation to false, "
@@ -299,7 +316,7 @@ class GravityRemoved(DynidError):
 class TorqueScale(DynidError):
     """Torques are far beyond the joint's rating."""
 
-    code, status = "E318", ExitStatus.INPUT
+    code = "E318"
     why = "the unit is probably mN m or a raw count"
     fix = "add `units: {effort: mNm}` under `driver:` in the robot file"
 
@@ -307,7 +324,7 @@ class TorqueScale(DynidError):
 class NewerSchema(DynidError):
     """The file was written by a newer dynid."""
 
-    code, status = "E320", ExitStatus.INPUT
+    code = "E320"
     why = "its contents may mean something else"
     fix = "upgrade dynid"
 
@@ -315,7 +332,7 @@ class NewerSchema(DynidError):
 class NotAnArtifact(DynidError):
     """The file is not a dynid result, or is damaged."""
 
-    code, status = "E321", ExitStatus.INPUT
+    code = "E321"
     why = "results are .npz files with a dynid header"
     fix = "make the file again with the command that writes it"
 
@@ -323,7 +340,7 @@ class NotAnArtifact(DynidError):
 class LogLayout(DynidError):
     """A log does not have the arrays or columns that are needed."""
 
-    code, status = "E322", ExitStatus.INPUT
+    code = "E322"
     why = "positions and torques of every joint and the time are needed"
     fix = "`dynid explain log-format` says what is read"
 
@@ -331,7 +348,7 @@ class LogLayout(DynidError):
 class TooLarge(DynidError):
     """A compressed file unpacks to far more than recordings and results do."""
 
-    code, status = "E323", ExitStatus.INPUT
+    code = "E323"
     why = "a file that somebody else made could fill the memory of this machine"
     fix = "write it again without compression"
 
@@ -339,7 +356,7 @@ class TooLarge(DynidError):
 class WrongMapping(DynidError):
     """The robot file does not describe the arm that made the log: an edit of it explains the torques far better."""
 
-    code, status = "E324", ExitStatus.INPUT
+    code = "E324"
     why = "the model explains little more than a constant and friction"
     fix = (
         "correct the DH convention, signs, offsets or order of the columns in the robot file, "
@@ -351,7 +368,7 @@ class WrongMapping(DynidError):
 class JointStill(DynidError):
     """A joint never moves in the log."""
 
-    code, status = "E401", ExitStatus.DATA
+    code = "E401"
     why = "its inertia and friction do not show in the torques"
     fix = "record a motion in which every joint moves, or add --drop-weak: its parameters come from the prior"
 
@@ -359,7 +376,7 @@ class JointStill(DynidError):
 class PoorlyExcited(DynidError):
     """The log determines so little that the torque error of least squares on other motions would be 50 % or more."""
 
-    code, status = "E402", ExitStatus.DATA
+    code = "E402"
     why = "some parameters are poorly excited"
     fix = "plan a better motion: dynid trajectory ROBOT --optimise"
 
@@ -367,7 +384,7 @@ class PoorlyExcited(DynidError):
 class RankDeficient(DynidError):
     """The log determines fewer base parameters than the structure has."""
 
-    code, status = "E403", ExitStatus.DATA
+    code = "E403"
     why = "some base parameters cannot be distinguished in this motion"
     fix = "record a motion that excites them, or continue with --drop-weak"
 
@@ -391,7 +408,7 @@ class SameRecording(DynidError):
 class NothingChanged(DynidError):
     """The optimiser returned its starting point."""
 
-    code, status = "E406", ExitStatus.DATA
+    code = "E406"
     why = "the result would be the prior again"
     fix = "check that the arm moves in the log and that the options leave parameters free"
 
@@ -399,7 +416,7 @@ class NothingChanged(DynidError):
 class NotSimulated(DynidError):
     """The arm could not be simulated."""
 
-    code, status = "E407", ExitStatus.DATA
+    code = "E407"
     why = "with inconsistent parameters the simulation diverges"
     fix = "identify with a log that determines the arm's parameters"
 
@@ -407,7 +424,7 @@ class NotSimulated(DynidError):
 class WeakInstruments(DynidError):
     """Estimates from the commanded motion explain the log far worse than least squares."""
 
-    code, status = "E408", ExitStatus.DATA
+    code = "E408"
     why = "the commanded motion says too little about the measured one"
     fix = "use --method auto"
 
@@ -416,7 +433,7 @@ class WeakInstruments(DynidError):
 class LimitBroken(DynidError):
     """A motion breaks a joint limit."""
 
-    code, status = "E501", ExitStatus.UNSAFE
+    code = "E501"
     why = "the arm would stop or be damaged"
     fix = "use a smaller --alpha or smaller waypoints"
 
@@ -424,7 +441,7 @@ class LimitBroken(DynidError):
 class Collision(DynidError):
     """A motion brings the arm into contact with itself or the floor."""
 
-    code, status = "E502", ExitStatus.UNSAFE
+    code = "E502"
     why = "the arm would be damaged"
     fix = "change the waypoints or the seed"
 
@@ -432,7 +449,7 @@ class Collision(DynidError):
 class StartPoseOff(DynidError):
     """The arm is not at the trajectory's first pose."""
 
-    code, status = "E503", ExitStatus.UNSAFE
+    code = "E503"
     why = "it would jump"
     fix = "run with --go-to-start: slow, checked, asks first"
 
@@ -440,7 +457,7 @@ class StartPoseOff(DynidError):
 class TrackingLost(DynidError):
     """The arm does not follow the commanded motion."""
 
-    code, status = "E504", ExitStatus.UNSAFE
+    code = "E504"
     why = "something holds it, or it does not listen"
     fix = "look at the arm before trying again"
 
@@ -448,7 +465,7 @@ class TrackingLost(DynidError):
 class NotReviewed(DynidError):
     """Nobody has confirmed this motion."""
 
-    code, status = "E505", ExitStatus.UNSAFE
+    code = "E505"
     why = "an untested motion may be harmful"
     fix = "preview and accept it: dynid trajectory ROBOT --review FILE"
 
@@ -456,7 +473,7 @@ class NotReviewed(DynidError):
 class StateStale(DynidError):
     """Joint states stopped coming while the arm moved."""
 
-    code, status = "E506", ExitStatus.UNSAFE
+    code = "E506"
     why = "the motion of the arm is unknown"
     fix = "look at the driver and the network; the log up to there is kept"
 
@@ -464,7 +481,7 @@ class StateStale(DynidError):
 class PacingLate(DynidError):
     """A command left this machine too late."""
 
-    code, status = "E507", ExitStatus.UNSAFE
+    code = "E507"
     why = "the arm jerks when commands come in bursts"
     fix = "take load off this machine, or record from a quieter one"
 
@@ -472,7 +489,7 @@ class PacingLate(DynidError):
 class TorqueHigh(DynidError):
     """A joint's torque came near its rating."""
 
-    code, status = "E508", ExitStatus.UNSAFE
+    code = "E508"
     why = "the arm pushes against something, or the motion is too fast"
     fix = "look at the arm; use --speed 50%, or plan with a smaller --alpha"
 
@@ -480,7 +497,7 @@ class TorqueHigh(DynidError):
 class PlanTeachesLittle(DynidError):
     """The best motion found excites so little that identification would refuse its log."""
 
-    code, status = "E511", ExitStatus.UNSAFE
+    code = "E511"
     why = "a model identified from this motion would not predict other motions"
     fix = "give the search more time or room: --seconds, --duration, --segments, --floor none, thinner links"
 
@@ -488,7 +505,7 @@ class PlanTeachesLittle(DynidError):
 class LimitsAssumed(DynidError):
     """The motion was planned with default limits, because the robot file has none."""
 
-    code, status = "E512", ExitStatus.UNSAFE
+    code = "E512"
     why = "the arm's own limits may be lower"
     fix = "write `limits:` of every joint into the robot file (of a URDF: what dynid import makes) and plan again"
 
@@ -496,7 +513,7 @@ class LimitsAssumed(DynidError):
 class GoalRefused(DynidError):
     """The arm's controller did not accept the motion, or gave it up."""
 
-    code, status = "E509", ExitStatus.UNSAFE
+    code = "E509"
     why = "the controller has its own limits and tolerances"
     fix = "read the driver's output; use --speed 50%, or widen the controller's tolerances"
 
@@ -505,7 +522,7 @@ class GoalRefused(DynidError):
 class RosMissing(DynidError):
     """rospy cannot be imported."""
 
-    code, status = "E601", ExitStatus.MACHINE
+    code = "E601"
     why = "record needs ROS 1, and rospy is not on PyPI"
     fix = "install ROS 1 (dynid doctor has the line), or record with 'rosbag record' and continue from the bag"
 
@@ -513,7 +530,7 @@ class RosMissing(DynidError):
 class MasterSilent(DynidError):
     """No ROS master answers."""
 
-    code, status = "E602", ExitStatus.MACHINE
+    code = "E602"
     why = "topics are found through the master"
     fix = "start one with: rosmaster --core (or roscore), or set ROS_MASTER_URI and ROS_IP"
 
@@ -521,7 +538,7 @@ class MasterSilent(DynidError):
 class TopicSilent(DynidError):
     """The topic exists but no message arrives."""
 
-    code, status = "E603", ExitStatus.MACHINE
+    code = "E603"
     why = "the driver is not publishing"
     fix = "is the driver running, and the emergency stop released?"
 
@@ -529,7 +546,7 @@ class TopicSilent(DynidError):
 class NoDisplay(DynidError):
     """A window was asked for but there is no display."""
 
-    code, status = "E604", ExitStatus.MACHINE
+    code = "E604"
     why = "PyBullet ends the process when it cannot open its window"
     fix = "use --preview picture"
 
@@ -537,7 +554,7 @@ class NoDisplay(DynidError):
 class PackageMissing(DynidError):
     """A Python package is missing."""
 
-    code, status = "E605", ExitStatus.MACHINE
+    code = "E605"
     why = "this command needs it"
     fix = "install it with pip"
 
@@ -545,7 +562,7 @@ class PackageMissing(DynidError):
 class CannotWrite(DynidError):
     """A file or folder cannot be written."""
 
-    code, status = "E606", ExitStatus.MACHINE
+    code = "E606"
     why = "the result would be lost"
     fix = "choose another folder with --out, or change its permissions"
 
@@ -553,7 +570,7 @@ class CannotWrite(DynidError):
 class ServiceMissing(DynidError):
     """A service of the driver is missing or does not answer."""
 
-    code, status = "E607", ExitStatus.MACHINE
+    code = "E607"
     why = "without it the arm cannot be stopped, started or zeroed from here"
     fix = "is the driver running? use the physical stop button"
 
@@ -561,7 +578,7 @@ class ServiceMissing(DynidError):
 class SchedulerSilent(DynidError):
     """No Dask scheduler answers."""
 
-    code, status = "E608", ExitStatus.MACHINE
+    code = "E608"
     why = "its workers run the jobs"
     fix = "start it (dask scheduler), then the same command again: what is done is not done again"
 
@@ -569,7 +586,7 @@ class SchedulerSilent(DynidError):
 class OutOfMemory(DynidError):
     """The machine has no memory left for what was asked."""
 
-    code, status = "E611", ExitStatus.MACHINE
+    code = "E611"
     why = "nothing more is written, because part of a log would give other numbers"
     fix = "give a shorter log or fewer effects, end other programs, or use another machine"
 
@@ -578,7 +595,7 @@ class OutOfMemory(DynidError):
 class StaleCache(DynidError):
     """A model was made from another version of the robot file, and --frozen forbids to rebuild it."""
 
-    code, status = "E701", ExitStatus.DECISION
+    code = "E701"
     why = "the numbers would belong to another robot"
     fix = "drop --frozen"
 
@@ -586,7 +603,7 @@ class StaleCache(DynidError):
 class OutputExists(DynidError):
     """The output exists and was made from other inputs."""
 
-    code, status = "E702", ExitStatus.DECISION
+    code = "E702"
     why = "results are not overwritten without being asked to"
     fix = "use --force or another --out"
 
@@ -594,7 +611,7 @@ class OutputExists(DynidError):
 class CannotAsk(DynidError):
     """A question must be answered by a person, and there is no terminal."""
 
-    code, status = "E703", ExitStatus.DECISION
+    code = "E703"
     why = "no answer is safe to assume"
     fix = "give the answer as an option"
 
@@ -602,6 +619,6 @@ class CannotAsk(DynidError):
 class Declined(DynidError):
     """The person answered no, so nothing was done."""
 
-    code, status = "E704", ExitStatus.DECISION
+    code = "E704"
     why = "nothing was written"
     fix = "run the command again when ready"

@@ -191,7 +191,6 @@ class DriverSpec:
         joint_names: names of the log's columns in chain order, () for the robot's own joint names.
         map: signs and offsets, in SI units.
         units: unit of ``position``, ``velocity`` and ``effort`` in the log.
-        effort_topic: topic of the torques where they are published apart, None where they come with the positions.
         columns: patterns of column names in tables, by ``time``, ``name``, ``position``, ``velocity``, ``effort``,
             ``reference``.
     """
@@ -203,7 +202,6 @@ class DriverSpec:
     units: dict[str, str] = field(
         default_factory=lambda: {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
     )
-    effort_topic: str | None = None
     columns: dict[str, str] = field(default_factory=dict)
 
 

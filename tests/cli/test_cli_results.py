@@ -48,7 +48,7 @@ def test_every_format_gives_the_torques_of_the_result_and_impossible_bodies_are_
         mjcf    | MuJoCo
         python  | NumPy
         urdf    | MuJoCo
-        yaml    | dynid
+        yaml
     """)
     for name, checks in found.items():
         for check in checks:

@@ -131,12 +131,6 @@ def test_rows_on_the_page_of_exciting_motions_are_those_of_the_benchmark():
     assert set(shown) <= set(made)
 
 
-def test_masking_numbers_hides_nothing_else():
-    assert alike("rms 0.42 N m\n", "rms 0.43 N m\n")
-    assert not alike("rms 0.42 N m\n", "rms 0.42 N\n")
-    assert alike("a\n...\nb\n", "a\nx\ny\nb\n")
-
-
 def test_commands_stand_in_blocks_that_are_run_or_said_to_need_more():
     """An indented block would be neither."""
     for page in pages():

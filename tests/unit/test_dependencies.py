@@ -92,9 +92,3 @@ def test_every_command_and_workflow_can_be_imported_first():
     assert {"dynid.cli.identify", "dynid.cli.gap", "dynid.workflows.gap"} <= set(names)
     done = subprocess.run([sys.executable, "-c", FIRST, *names], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-def test_no_two_files_of_tests_have_one_name():
-    """No run of all tests could begin: a module is known by the name of its file."""
-    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
-    assert sorted(names) == sorted(set(names))

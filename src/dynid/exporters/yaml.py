@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from dynid.exporters.interface import RESIDUAL, Format, IdentifiedArm, Loaded
+from dynid.exporters.interface import RESIDUAL, Format, IdentifiedArm
 from dynid.files.robotkeys import INERTIA
 from dynid.robot import LINK_PARAMETERS
 from dynid.text import yaml_text
@@ -63,19 +61,4 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     return (*effects, *[RESIDUAL] * (arm.model_error is not None))
 
 
-def loaded(text: str, arm: IdentifiedArm) -> Loaded:
-    """Read the numbers back and evaluate dynid's full regressor with them."""
-    import yaml
-
-    document = yaml.safe_load(text)
-    values = dict(document["friction"])
-    for link in document["links"]:
-        values |= link["parameters"]
-    model, minimal = arm.base.model, arm.base.observer
-    gamma, full = np.array([values[name] for name in model.parameter_names]), model.observer()
-    return Loaded(
-        "dynid", "all", lambda *s: full.torque(gamma, *s), lambda *s: minimal.torque(arm.theta, *s)
-    )
-
-
-YAML = Format("yaml", ".yaml", text, leaves_out, loaded, needs_bodies=False)
+YAML = Format("yaml", ".yaml", text, leaves_out, lambda text, arm: None, needs_bodies=False)

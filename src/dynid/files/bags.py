@@ -54,7 +54,6 @@ def read_topics(
 
     Raises:
         BagTruncated: nothing of these topics is readable.
-        WrongMessageType: the layout of the messages is not the known one of their type.
         TooLarge: a chunk unpacks like a bomb.
     """
     collectors: dict[str, Collector] = {}

@@ -19,7 +19,7 @@ from dynid.files.columnwords import (
     template,
     usual_joints,
 )
-from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
+from dynid.files.messages import Topic
 from dynid.files.texttable import text_table
 from dynid.log import Log
 from dynid.text import yaml_word
@@ -68,11 +68,8 @@ class Inspected:
             return "\n".join([*lines, *columns]) if columns else ""
         # Why torques first: commands are published as joint states too, and more often.
         log = max(self.logs, key=lambda each: (has_torques(each), len(each)))
-        arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
         if log.topic:
             lines.append(f"  topic: {yaml_word(log.topic)}")
-        if arrays and not has_torques(log):
-            lines.append(f"  effort_topic: {yaml_word(arrays[0])}")
         numbered = "{i}" in self.patterns.get("position", "") and "name" not in self.patterns
         if log.names and not numbered:
             names = ", ".join(map(yaml_word, log.names))
@@ -103,12 +100,10 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
         log = logs.read_npz_log(path) if kind == "npz" else tables.read_folder(path, rate)
         return Inspected((log,), log.findings)
     topics = list_topics(path)
-    filled = [topic for topic in topics.values() if topic.count]
-    wanted = [topic.name for topic in filled if topic.type == JOINT_STATE]
+    wanted = [each.name for each in topics.values() if each.count and each.type == JOINT_STATE]
     groups, findings = read_topics(path, wanted) if wanted else ({}, ())
     found = tuple(log for name in wanted for log in groups.get(name, ()) if log.n)
-    # Why not those of Kinova: they are read where the robot file names their driver.
-    if not found and not any(topic.type in KINOVA_TYPES for topic in filled):
+    if not found:
         text = f"no topic of {path.name} holds joint states ({JOINT_STATE})"
         findings = (*findings, Finding("W333", "warning", text))
     return Inspected(found, findings, topics)

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from dynid.disk import sha256
-from dynid.drivers.interface import JOINT_STATE, driver_of
+from dynid.drivers.interface import driver_of
 from dynid.errors import (
     Finding,
     JointNamesDiffer,
@@ -27,11 +26,9 @@ from dynid.errors import (
 from dynid.files import tables, tuning
 from dynid.files.artifact import require_schema
 from dynid.files.bags import list_topics, read_topics
-from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY
 from dynid.log import ARRAYS, COLUMNS, SCHEMA, Log, has_rows
 from dynid.npz import HEADER, read_npz
 from dynid.robot import Robot
-from dynid.units import POSITION
 
 #: Format of each suffix.
 FORMATS = {
@@ -165,84 +162,28 @@ def read_npz_log(path: Path) -> Log:
 def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
     """Read the joint states of a robot from a bag; the driver chooses the topic where None is given."""
     topics = {name: state.type for name, state in list_topics(path).items()}
-    # Why Kinova's own only where they are all: they are degrees, and come without stamps.
-    own = [name for name, kind in topics.items() if kind in KINOVA_TYPES]
-    pair = [name for end in ("angles", "torques") for name in own if name.endswith(f"joint_{end}")]
-    kinova = JOINT_STATE not in topics.values() and len(pair) == 2 and topic in (None, *pair)
-    if kinova:
-        chosen, efforts = pair
-    else:
-        chosen = driver_of(robot).choose_topic(topics, topic, robot, path.name)
-        efforts = robot.columns.effort_topic or chosen
-        if topics.get(efforts) not in (JOINT_STATE, MULTI_ARRAY):
-            state = f"is {topics[efforts]}" if efforts in topics else "is not there"
-            raise WrongMessageType(
-                f"the topic of the torques, {efforts}, {state}; {JOINT_STATE} or {MULTI_ARRAY} is needed",
-                where=path.name,
-                fix="correct `effort_topic:` under `driver:` in the robot file",
-            )
-    groups, findings = read_topics(path, {chosen, efforts})
-    log, other = (_of_robot(groups, robot, name) for name in (chosen, efforts))
-    if kinova:
-        n = min(robot.n, log.n)
-        q = log.q[:, :n] * POSITION["deg"] / POSITION[robot.columns.units["position"]]
-        log = replace(log, q=q, tau=log.tau[:, :n], names=robot.log_names[:n])
-    elif not log.names:
+    chosen = driver_of(robot).choose_topic(topics, topic, robot, path.name)
+    groups, findings = read_topics(path, {chosen})
+    logs = groups.get(chosen, ())
+    if not logs:
+        raise WrongMessageType(f"{chosen} has no messages", where=chosen)
+    # Why: other nodes may publish on the same topic.
+    known = (set(robot.log_names), set(robot.joint_names))
+    log = next((log for names in known for log in logs if names <= set(log.names)), logs[0])
+    if not log.names:
         raise JointNamesDiffer(
             f"the messages of {chosen} name no joints",
             where=chosen,
             fix="make the driver fill the names of its JointState",
         )
-    for each, field in ((log, "position"), (other, "effort")):
-        if field in each.extra["absent"]:
-            raise WrongMessageType(
-                f"{each.topic} has no {field} in any of its {len(each)} messages", where=path.name
-            )
+    for field in {"position", "effort"} & {*log.extra["absent"]}:
+        raise WrongMessageType(
+            f"{chosen} has no {field} in any of its {len(log)} messages", where=path.name
+        )
     if log.extra["clock"] == "arrival":
         text = (
-            f"{' and '.join(pair if kinova else [chosen])} has no usable time stamps: "
+            f"{chosen} has no usable time stamps: "
             "the time of arrival in the bag is used, which jitters more"
         )
         findings = (*findings, Finding("W304", "warning", text))
-    log = log if efforts == chosen else _with_effort(log, other, robot)
     return replace(log, source=path, findings=findings)
-
-
-def _of_robot(groups: Mapping[str, Sequence[Log]], robot: Robot, topic: str) -> Log:
-    """Return the log of a topic whose names cover the robot's; other nodes may publish on the same topic."""
-    logs = groups.get(topic, ())
-    if not logs:
-        raise WrongMessageType(f"{topic} has no messages", where=topic)
-    known = (set(robot.log_names), set(robot.joint_names))
-    return next((log for names in known for log in logs if names <= set(log.names)), logs[0])
-
-
-def _with_effort(log: Log, other: Log, robot: Robot) -> Log:
-    """Return a log with the torques of another topic, each position with the torque at its time."""
-    joints = other.names or robot.log_names[: other.n]
-    if other.n < robot.n or not set(joints) <= {*log.names, *other.names}:
-        raise WrongMessageType(
-            f"{other.topic} has {other.n} torques, {robot.name} has {robot.n} joints",
-            where=other.topic,
-        )
-    # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
-    both = log.extra["clock"] == other.extra["clock"]
-    start, first = (
-        each.extra["start_ns"] if both else each.extra["arrival_ns"][0] for each in (log, other)
-    )
-    clock = other.t + (first - start) * 1e-9
-    shared = (log.t >= clock[0]) & (log.t <= clock[-1])
-    if not shared.any():
-        raise WrongMessageType(f"{log.topic} and {other.topic} share no time", where=other.topic)
-    t = log.t[shared]
-    torques = dict(zip(joints, other.tau.T, strict=False))
-    unknown = np.full(other.t.shape, np.nan)
-    tau = [np.interp(t, clock, torques.get(name, unknown)) for name in log.names]
-    return replace(
-        log,
-        t=t - t[0],
-        q=log.q[shared],
-        tau=np.stack(tau, axis=1),
-        qd=log.qd[shared] if log.qd is not None else None,
-        extra=log.extra | {"start_ns": log.extra["start_ns"] + round(1e9 * float(t[0]))},
-    )

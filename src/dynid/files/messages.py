@@ -1,9 +1,8 @@
-"""Raw messages of ROS -> logs; messages that differ only in their numbers are decoded together.
+"""Raw ``sensor_msgs/JointState`` -> logs; messages that differ only in their numbers are decoded together.
 
 ``bags`` says where messages stand in its bytes; ``Collector`` keeps their numbers, grouped by
-the joint names they carry (an arm and its gripper often share a topic). Only the layouts below are decoded: the
-definition that a recording carries is never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR,
-version 1).
+the joint names they carry (an arm and its gripper often share a topic). The definition that a recording carries is
+never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR, version 1).
 """
 
 from __future__ import annotations
@@ -15,24 +14,17 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from dynid.drivers.interface import JOINT_STATE
-from dynid.errors import WrongMessageType
 from dynid.files import tuning
 from dynid.log import Log
 
 Bytes = NDArray[np.uint8]
 Times = NDArray[np.int64]
-#: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns], stamp 0 where a message has none; ``position``,
+#: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns]; ``position``,
 #: ``velocity`` and ``effort``, (N, n), NaN where messages have none.
 Columns = dict[str, NDArray[Any]]
 FIELDS = ("position", "velocity", "effort")
 #: Parts of a stamp of seconds and nanoseconds [ns].
 NANOSECONDS = np.array([10**9, 1])
-
-MULTI_ARRAY = "std_msgs/Float64MultiArray"
-KINOVA_TYPES = ("kinova_msgs/JointAngles", "kinova_msgs/JointTorque", "kinova_msgs/JointVelocity")
-#: Types that are decoded.
-KNOWN = {JOINT_STATE, MULTI_ARRAY, *KINOVA_TYPES}
 #: What a little-endian message in CDR begins with.
 _CDR = b"\0\1"
 
@@ -91,16 +83,9 @@ class Collector:
 
     Attributes:
         reason: what was wrong with a message that was passed over, "" where none was.
-
-    Raises:
-        WrongMessageType: the layout is not known.
     """
 
     def __init__(self, topic: Topic) -> None:
-        if topic.type not in KNOWN or (topic.cdr and topic.type in KINOVA_TYPES):
-            raise WrongMessageType(
-                f"{topic.name} has messages of the type {topic.type}", where=topic.name
-            )
         self.reason = ""
         self._topic = topic
         # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
@@ -134,17 +119,15 @@ class Collector:
             frozenset(names) or width, (names, [], set())
         )
         order = [names.index(name) for name in first] or slice(None)
-        kind = "<f4" if self._topic.type in KINOVA_TYPES else "<f8"
-        stamp = np.zeros(len(starts), np.int64)
-        if self._topic.type == JOINT_STATE:
-            stamp = taken(content, starts + 4, 2, "<u4") @ NANOSECONDS
+        # Unit: bytes 4-11 are the stamp, in ROS 1 behind a sequence number, in CDR behind the encapsulation.
+        stamp = taken(content, starts + 4, 2, "<u4") @ NANOSECONDS
         block = {"arrival": arrival, "stamp": stamp}
         for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
             # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
             block[key] = np.full((len(starts), width), np.nan)
             filled.update({key} if count else ())
             if count == width:
-                block[key] = taken(content, starts + place, count, kind)[:, order]
+                block[key] = taken(content, starts + place, count, "<f8")[:, order]
         blocks.append(block)
 
 
@@ -152,7 +135,7 @@ class _Layout:
     """Where a message has what: found by walking over it once.
 
     Attributes:
-        names: of the joints; () where messages of this type have none.
+        names: of the joints; () where a driver fills in none.
         fields: start [byte] and count of the numbers of each of ``FIELDS``.
         equal: bytes in which messages of this layout agree, (length,).
 
@@ -165,24 +148,10 @@ class _Layout:
             raise Broken("a message is not plain little-endian CDR, or is compressed by itself")
         self._raw, self._at, self._cdr = raw, 0, topic.cdr
         self.equal = np.zeros(len(raw), dtype=bool)
-        self.names: tuple[str, ...] = ()
-        if topic.type in KINOVA_TYPES:
-            # Numbers alone: positions or torques, as whoever asks for their topic knows.
-            numbers = self._take(28), 7
-            self.fields = [numbers, (0, 0), numbers]
-        elif topic.type == MULTI_ARRAY:
-            self._take(4 * topic.cdr)
-            for _ in range(self._word()):
-                self._text(), self._word(), self._word()
-            self._word()
-            numbers = self._numbers()
-            self.fields = [numbers, (0, 0), numbers]
-        else:
-            # Unit: bytes 4-11 are the stamp, in ROS 1 behind a sequence number, in CDR behind the encapsulation.
-            self._take(12)
-            self._take(self._word())
-            self.names = tuple(self._text() for _ in range(self._word()))
-            self.fields = [self._numbers() for _ in FIELDS]
+        self._take(12)
+        self._take(self._word())
+        self.names = tuple(self._text() for _ in range(self._word()))
+        self.fields = [self._numbers() for _ in FIELDS]
         if not self._cdr and self._at < len(raw):
             raise Broken("a message is too long for its type")
 

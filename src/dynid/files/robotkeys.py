@@ -320,7 +320,6 @@ DRIVER: Keys = {
     "units": mapping(
         UNITS, lambda **given: {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | given
     ),
-    "effort_topic": or_null(TEXT),
     "columns": mapping(COLUMNS, dict),
 }
 BODY: Keys = {"mass": _mass, "com": VECTOR, "inertia_com": _inertia}

@@ -77,52 +77,21 @@ def random_model_error(arm, seed=0):
     )
 
 
-#: Numbers of each effect of the catalogue, of a size that arms have.
+#: Numbers of effects for which any will not do: what bodies have, and orders and sides.
 SIZES = {
-    "torque_offset": {"c": 0.7},
-    "viscous": {"fv": 1.3},
-    "coulomb": {"fc": 0.8},
-    "asymmetric_viscous": {"a": 0.6},
-    "stribeck": {"a": 1.1, "vs": 0.3, "d": 1.7},
-    "nonlinear_viscous": {"a": 0.5, "p": 1.6},
-    "load_friction": {"a": 0.04},
-    "torque_gain": {"g": 0.05},
-    "torque_constant": {"c": 0.03},
-    "warmup_friction": {"a1": 0.6, "a2": 0.4, "tw": 7.0},
-    "torque_drift": {"a": 0.1, "tc": 5.0},
-    "offset_step": {"c": 0.1, "since": 5.0},
-    "position_friction": {"a": 0.3, "b": -0.2, "h": 2.0},
-    "gear_friction": {"a": 0.2, "b": 0.1, "k": 23.4},
-    "torque_ripple": {"a": 0.2, "b": -0.1, "k": 12.0},
     "spring": {"order": 3.0, "constant": 1.0, "k1": 2.0, "k2": 0.3, "k3": 0.4, "c": 0.5},
-    "counterbalance": {"a": 3.0, "b": -2.0},
     "end_stop": {"side": -1.0, "q1": 0.2, "a": 4.0},
-    "motor_inertia": {"Im": 0.1},
-    "joint_coupling": {"a": 0.2, "b": 0.3},
-    "torque_crosstalk": {"a": 0.05},
     "encoder_offset": {"offset": 0.02},
-    "presliding_hysteresis": {"a": 0.09, "delta": 0.05},
-    "base_tilt": {"x": 0.02, "y": -0.01, "c": 0.3, "s": 0.2},
-    "tool_force": {"x": 2.0, "y": -3.0, "z": 4.0},
-    "payload": {
-        "form": 10.0,
-        "m": 1.5,
-        "mcx": 0.02,
-        "mcy": 0.01,
-        "mcz": 0.1,
-        "Ixx": 0.012,
-        "Ixy": 0.0,
-        "Ixz": 0.0,
-        "Iyy": 0.012,
-        "Iyz": 0.0,
-        "Izz": 0.004,
-    },
-    "coulomb_change": {"c": 0.3},
-    "viscous_change": {"v": 0.4},
-    "joint_elasticity": {"compliance": 1e-4},
-    "backlash": {"a": 1.0, "b": 1e-3},
-    "torque_delay": {"delay": 0.005},
+    "payload": {"form": 10.0, "m": 1.5, "mcx": 0.02, "mcy": 0.01, "mcz": 0.1}
+    | {"Ixx": 0.012, "Ixy": 0.0, "Ixz": 0.0, "Iyy": 0.012, "Iyz": 0.0, "Izz": 0.004},
 }
+
+
+def sizes_of(effect):
+    """Return numbers of an effect of the catalogue, of a size that arms have."""
+    shape = dict.fromkeys(effect.shape_units, 1.7)
+    amplitudes = {name: 0.1 * k for k, name in enumerate(effect.amplitudes(shape), 1)}
+    return SIZES.get(effect.name, shape | amplitudes)
 
 
 def with_effect(name, robot="kuka_lwr4plus", seed=1):
@@ -130,7 +99,7 @@ def with_effect(name, robot="kuka_lwr4plus", seed=1):
     arm = load_robot(robot)
     effect = CATALOGUE[name]
     joints = {"joint": (arm.joint_names[2],), "pair": arm.joint_names[2:4], "arm": ()}[effect.scope]
-    arm = replace(arm, effects=(EffectSpec(name, joints, SIZES[name]),))
+    arm = replace(arm, effects=(EffectSpec(name, joints, sizes_of(effect)),))
     made_of = made(arm, seed)
     sizes = {
         column.parameter.name: column.value

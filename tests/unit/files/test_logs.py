@@ -39,28 +39,6 @@ def test_kinovas_angles_are_refused_where_joint_states_are_recorded(tmp_path):
     assert caught.value.fix == f"--topic {driver}/joint_state"
 
 
-def test_kinovas_own_messages_are_read_where_nothing_else_was_recorded(tmp_path):
-    driver, messages = "/j2s7s300_driver/out", []
-    for i in range(200):
-        ns = START + i * 10**7
-        messages.append(
-            (f"{driver}/joint_angles", ns, kinova(KINOVA[0], [i + 0.5 * j for j in range(7)]))
-        )
-        messages.append(
-            (
-                f"{driver}/joint_torques",
-                ns + 10**6,
-                kinova(KINOVA[0], [2.0 * i + j for j in range(7)]),
-            )
-        )
-    log = read_log(write_bag(tmp_path / "log.bag", messages), robot=gen2())
-    # The first angle comes before the first torque; torques at the angles' times are 0.1 samples older than numbered.
-    assert len(log) == 199
-    assert_allclose(np.degrees(log.q[:, 2]), np.arange(1, 200) + 1.0)
-    assert_allclose(log.tau[:, 3], 2.0 * (np.arange(1, 200) - 0.1) + 3, atol=1e-6)
-    assert [f.code for f in log.findings] == ["W304"]
-
-
 @pytest.mark.parametrize("topic", ["/a/out/joint_state", "/odd"])
 def test_the_only_topic_of_an_arm_without_driver_needs_no_name(topic, tmp_path):
     path = write_bag(tmp_path / "log.bag", state_messages(20, gen2().joint_names, topic))
