@@ -6,7 +6,6 @@ from dynid.errors import EXIT_MEANING, DynidError
 
 WARNINGS: dict[str, str] = {
     "W202": "A DH angle was within 1e-4 rad of a multiple of 15 degrees and was snapped to it.",
-    "W203": "A key of the DH table was given by another usual name and understood.",
     "W206": "Gravity points up in the world frame; say `mount: ceiling` when the arm hangs.",
     "W207": "A body of the robot file has an inertia that no distribution of mass has.",
     "W210": "The URDF lacks something or has it wrong: no mass, or an impossible inertia.",

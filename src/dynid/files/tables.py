@@ -117,15 +117,16 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
         name: of their column, which may end with their unit.
         where: name of the file, for the message.
     """
-    steps = np.diff(t[np.isfinite(t)])
+    known = t[np.isfinite(t)]
+    steps = np.diff(known)
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     unit, level, said = time_unit(name)[1], "info", f"as the name of {name} says"
     if not unit:
         unit = next((each for each, most in tuning.STEPS.items() if step < most), "s")
         level, said = "warning", f"a step of {step:.4g} in {name} can be nothing else"
-    if unit == "s":
+    if unit == "s" or not len(known):
         return t, ()
-    factor, start = SECONDS[unit], t[np.isfinite(t)][0]
+    factor, start = SECONDS[unit], known[0]
     seconds = (t - start) * factor
     span = float(np.nanmax(seconds))
     rate = f" at {1 / (step * factor):.4g} Hz" if step else ""

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 #: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
 #: ones are added, and CAD programs round to them.
 SMALLEST, LARGEST = 1e-30, 1e12
-#: Other usual names of keys of the DH table.
-USUAL_KEYS = {"alpha": "twist", "theta": "theta_offset", "offset": "theta_offset"}
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _OCTAL = re.compile(r"[-+]?0\d+")
 _PI = re.compile(
@@ -103,7 +101,7 @@ class Value:
         """Return the values by key, after checking that all keys are known, once given, and the required ones there.
 
         Args:
-            known: the keys that it may have; one that another name of ``USUAL_KEYS`` stands for is noted (W203).
+            known: the keys that it may have.
             required: those that it must have.
         """
         if not self.is_mapping:
@@ -112,12 +110,7 @@ class Value:
             )
         values = {}
         for key_node, node in self.node.value:
-            given, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
-            usual = USUAL_KEYS.get(given, given)
-            key = usual if usual in known and given not in known else given
-            if key != given:
-                text = f"{line}: `{given}:` is read as `{key}:`, its name in dynid"
-                self.note("W203", text, "info", given=given, used=key)
+            key, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
             if key in values:
                 raise NotYaml(f"{line}: key '{key}' is given twice", where=line)
             if key not in known:
@@ -140,9 +133,9 @@ class Value:
         values = self.mapping(list(keys), required)
         return {key: read(values[key]) for key, read in keys.items() if key in values}
 
-    def note(self, code: str, text: str, level: str = "warning", **evidence: object) -> None:
-        """Keep what was noticed, for ``Robot.findings``."""
-        self.context.findings.append(Finding(code, level, text, evidence))
+    def note(self, code: str, text: str, **evidence: object) -> None:
+        """Keep a warning, for ``Robot.findings``."""
+        self.context.findings.append(Finding(code, "warning", text, evidence))
 
     def within(self, **facts: Any) -> Value:  # noqa: ANN401
         """Return the value in another context."""

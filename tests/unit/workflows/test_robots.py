@@ -76,11 +76,3 @@ def test_the_word_of_an_arm_is_what_was_typed(tmp_path):
     assert load_robot("ur5e").word == "ur5e"
     assert load_robot(own).word == f"'{own}'"
     assert Robot("Toy", "standard", (Joint("a"),)).word == "toy"
-
-
-def test_alpha_in_the_dh_table_is_the_twist_and_said(tmp_path):
-    own = tmp_path / "arm.yaml"
-    own.write_text(read_robot("ur5e").path.read_text().replace("twist:", "alpha:"))
-    robot = load_robot(own)
-    assert robot == read_robot("ur5e")
-    assert [finding.code for finding in robot.findings] == ["W203"] * 6
