@@ -105,16 +105,12 @@ def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
         base: model and base parameters of the new logs.
 
     Raises:
-        WrongUsage: the earlier result has other base parameters, or keeps no factors.
+        WrongUsage: the earlier result has other base parameters.
     """
     if earlier.names != base.names or earlier.robot.joint_names != base.robot.joint_names:
         raise WrongUsage(
             f"{earlier.label} has different base parameters from this log's model",
             fix="identify both with the same robot file",
-        )
-    if not earlier.factors.size:
-        raise WrongUsage(
-            f"{earlier.label} holds no triangular factors", fix="identify the earlier log again"
         )
     n, p = base.robot.n, len(base.names)
     return Stack(base, (), Rows.of(np.zeros((0, n, p)), np.zeros((0, n))), earlier.fit)

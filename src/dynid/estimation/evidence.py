@@ -68,9 +68,8 @@ def evidence_of(result: Identified) -> Evidence:
     physical, factors, repeats = result.in_force == "physical", result.factors, None
     if header.get("noise_floor_nm") is not None:
         repeats = bool(header.get("noise_repeats_s", 0.0))
-    plain = possible = None
-    if factors.size:
-        plain = relative_error(factors, result.plain)
+    possible = result.relative_error_percent
+    if not physical:
         possible = relative_error(factors, result.reduction.K @ result.physical.x)
     rate = header.get("kept_rate_hz")
     evidence = Evidence(
@@ -81,8 +80,8 @@ def evidence_of(result: Identified) -> Evidence:
         repeats=repeats,
         fitted=result.relative_error_percent,
         unseen=_held_out(result),
-        possible=result.relative_error_percent if physical else possible,
-        plain=plain,
+        possible=possible,
+        plain=relative_error(factors, result.plain),
         physical=physical,
         doubts=tuple(code for code in codes if code in DOUBTS),
         alarms=tuple(code for code in codes if code in ALARMS),

@@ -110,11 +110,6 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
             fix="identify both with the same robot file",
         )
     K = unloaded.reduction.K[:, last_link(unloaded.base)]
-    for result in (unloaded, loaded):
-        if not result.factors.size:
-            raise WrongUsage(
-                f"{result.label} holds no triangular factors", fix="identify its log again"
-            )
     problem = LoadProblem.of(loaded, unloaded, K)
     body = fitted_body(*problem.solved(0.0, 0.0)[:3]).body
     # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.

@@ -288,7 +288,7 @@ def information_of(result: Identified) -> tuple[Floats, Floats]:
         The inverse of their covariance, zero along what nothing tells, (p, p); the noise of a row, whitened with which
         rows are worth one independent row each, (n,) [N m or N].
     """
-    if result.in_force == "physical" or not result.factors.size:
+    if result.in_force == "physical":
         worth, information = result.physical.inflation, _inverse(result.covariance)
     else:
         A = merge(result.factors, 1.0 / result.noise)[:-1, :-1]
@@ -301,11 +301,8 @@ def information_of(result: Identified) -> tuple[Floats, Floats]:
 
 def sample_noise(result: Identified, rate: float) -> Floats:
     """Return the white noise of samples at a rate [Hz] that tell as much as a result's rows, (n,) [N m or N]."""
-    rows = float(result.header.get("kept_rate_hz") or 0.0)
-    if result.stack is not None and result.stack.logs:
-        rows = float(result.stack.logs[0].filter.kept_rate)
-    noise = information_of(result)[1]
-    return noise * np.sqrt(rate / rows) if rows > 0.0 else noise
+    rows = float(result.header["kept_rate_hz"])
+    return np.asarray(information_of(result)[1] * np.sqrt(rate / rows))
 
 
 def prior_information(base: BaseModel) -> Floats:

@@ -189,32 +189,32 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Fin
     """
     step = np.diff(log.t)
     usual = float(np.median(step))
-    wanted = np.zeros(len(step), dtype=bool)
     for start, end in exclude:
-        wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
-    pauses = np.flatnonzero((step > max(tuning.PAUSE_S, tuning.GAP_SAMPLES * usual)) & ~wanted)
-    recorded = float(np.sum(step[step <= tuning.PAUSE_S]))
-    if recorded < tuning.LEAST_SEGMENT_S * (len(pauses) + 1):
-        pauses = pauses[:0]
-    counted = ~wanted
-    counted[pauses] = False
-    kept = step[counted]
+        step[(log.t[:-1] <= end) & (log.t[1:] >= start)] = usual
+    shortest = tuning.GAP_SAMPLES * usual
+    gaps = np.flatnonzero(step > shortest)
+    # Why: a longer step is a pause of the recording, in which nothing was lost.
+    kept = step[step <= max(tuning.PAUSE_S, shortest)]
     lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
     # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
-    lost = min(lost, max(0.0, float(np.sum(kept)) / usual - int(counted.sum())))
+    lost = min(lost, max(0.0, float(np.sum(kept)) / usual - len(kept)))
     share = lost / (lost + len(log))
-    gaps = np.flatnonzero((step > tuning.GAP_SAMPLES * usual) & ~wanted)
-    longest = int(np.argmax(np.where(wanted, 0.0, step)))
+    longest = int(np.argmax(step))
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
     if share > tuning.LOST_SHARE:
         raise TooManyLost(
             f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be missing",
         )
-    if not len(gaps):
-        return
-    evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
-    text = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there"
-    yield Finding("W312", "warning", f"{log.name}: {text}, not bridged", evidence)
+    if len(gaps):
+        evidence = {
+            "gaps": len(gaps),
+            "longest_s": float(step[longest]),
+            "at_s": log.t[gaps].tolist(),
+        }
+        text = (
+            f"{log.name}: {len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there, not bridged"
+        )
+        yield Finding("W312", "warning", text, evidence)
 
 
 def with_findings(log: Log, *findings: Finding) -> Log:
@@ -249,10 +249,7 @@ def without_stale(log: Log, robot: Robot) -> Log:
     first, last = np.flatnonzero(busy)[[0, -1]]
     stale[:first] = stale[last + 1 :] = False
     kept = take_samples(log, np.flatnonzero(np.append(True, ~stale)))
-    if len(kept) < tuning.LEAST_SAMPLES:
-        raise LogTooShort(
-            f"only {len(kept)} of {len(log)} samples are not repeats of the one before"
-        )
+    _check_length(kept)
     new = log.rate * (1 - share)
     text = (
         f"{100 * share:.0f} % of the samples in motion repeat the one before them: they are left out; "

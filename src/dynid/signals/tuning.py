@@ -13,9 +13,6 @@ GAP_SAMPLES = 5.0
 LOST_SHARE = 0.05
 #: A step longer than this [s] is a pause of the recording, not samples that were lost. Evidence: none yet.
 PAUSE_S = 0.5
-#: Between two pauses at least this long [s], on average, a recording is in segments and not in tatters. Evidence:
-#: none yet.
-LEAST_SEGMENT_S = 5.0
 #: Two stamps in a hundred may fall together on a busy machine; one in five means that the clock is too coarse.
 DUPLICATE_SHARE = 0.2
 #: Below this rate [Hz] the step of the friction at a reversal falls between two samples. Evidence: none yet.
