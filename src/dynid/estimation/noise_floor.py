@@ -11,6 +11,7 @@ import numpy as np
 from dynid.arrays import Floats, Mask
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError, residuals
+from dynid.estimation.rows import at_rows
 from dynid.estimation.stack import Stack
 from dynid.signals.filters import Filter
 from dynid.signals.motion import squares_apart
@@ -59,15 +60,14 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
 
 def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Part]:
     """Yield the parts of the logs without gaps, no more than a few minutes of each: these say what hours do."""
-    rows, left = stack.rows, residuals(stack, theta, error)
-    for k, log in enumerate(stack.logs):
-        t, q = (np.concatenate([getattr(s, name) for s in log.segments]) for name in ("t", "q"))
-        own = np.flatnonzero(rows.log == k)
-        own = own[rows.t[own] <= rows.t[own[:1]] + tuning.NOISE_SECONDS]
-        gaps = np.flatnonzero(np.diff(rows.t[own]) >= 1.5 / log.filter.kept_rate) + 1
-        for at in filter(len, np.split(own, gaps)):
-            place = np.stack([np.interp(rows.t[at], t, column) for column in q.T], axis=1)
-            yield place, left[at], rows.use[at]
+    rows, begin = stack.rows, np.full(len(stack.logs), np.inf)
+    np.minimum.at(begin, rows.log, rows.t)
+    early = rows.t <= begin[rows.log] + tuning.NOISE_SECONDS
+    left = residuals(stack, theta, error)[early]
+    q = stack.along(lambda log: at_rows(log, lambda part: part.q.T))[early]
+    rows = rows.take(early)
+    for run in rows.runs:
+        yield q[run], left[run], rows.use[run]
 
 
 def _difference(one: Part, other: Part, chosen: Filter) -> Iterator[tuple[Floats, Mask]]:

@@ -16,7 +16,6 @@ from dynid.errors import (
     PositionInDegrees,
     RateTooLow,
     TimeNotIncreasing,
-    TooManyLost,
     WrongMessageType,
 )
 from dynid.files.logs import read_log
@@ -75,7 +74,6 @@ def codes(log):
 
 # ---------------------------------------------------------------- refused
 SHUFFLED = np.arange(4000).reshape(-1, 4)[:, [1, 0, 3, 2]].ravel()
-LOST = np.random.default_rng(0).random(4000) > 0.08
 HUGE = r"lwr_0_joint position is 3e\+150, not measurable, in 1 samples"
 SWAPPED = "j2s7s300_joint_{} and j2s7s300_joint_{} look swapped"
 
@@ -85,7 +83,6 @@ SWAPPED = "j2s7s300_joint_{} and j2s7s300_joint_{} look swapped"
     [
         (lwr, samples(SHUFFLED), TimeNotIncreasing, "shuffled", "--sort-time"),
         (lwr, of("t", lambda t: np.round(t, 2)), TimeNotIncreasing, "too coarse", ""),
-        (lwr, samples(LOST), TooManyLost, "8 % of the samples are missing", ""),
         (lwr, of("t", put(321, np.nan)), NotFinite, "row 322", ""),
         (
             lwr,
@@ -103,13 +100,6 @@ SWAPPED = "j2s7s300_joint_{} and j2s7s300_joint_{} look swapped"
             RateTooLow,
             r"joint states arrive at 10\.0 Hz; the fastest motion, .* needs >= 50 Hz",
             "feedback_publish_rate:=0.01",
-        ),
-        (
-            generic,
-            of("qd", columns([0, 1, 2, 4, 3])),
-            JointNamesDiffer,
-            SWAPPED.format(4, 5) + r".*(0\.99|1\.00) swapped",
-            "",
         ),
         (
             generic,
@@ -156,19 +146,12 @@ def test_degrees_of_joints_without_position_limits_are_seen_at_the_speed():
 
 # ---------------------------------------------------------------- said
 TWICE = np.sort(np.r_[0:4000, 100, 200, 300])
-GAPS = np.delete(np.arange(4000), np.r_[500:510, 1500:1530])
 
 
 @pytest.mark.parametrize(
     ("robot", "change", "code", "text"),
     [
         (lwr, samples(TWICE), "W311", ""),
-        (
-            lwr,
-            samples(GAPS),
-            "W312",
-            r"lwr4plus_validate\.bag: 2 gaps, longest 15\d ms at 7\.50 s",
-        ),
         (generic, of("qd", lambda qd: 0.65 * qd), "W308", ".*0.65 x the change of position"),
     ],
 )

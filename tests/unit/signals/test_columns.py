@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid import Log, Robot
 from dynid.diagnose.diagnosis import driver_columns
-from dynid.errors import JointNamesDiffer, LogLayout
+from dynid.errors import LogLayout
 from dynid.files.convert import write_log
 from dynid.files.logs import read_log, read_npz_log
 from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, TorqueSource
 from dynid.signals.checks import prepare
-from dynid.signals.columns import in_si, matching_columns, robot_columns, take_samples, to_dh
+from dynid.signals.columns import in_si, robot_columns, take_samples, to_dh
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 TWO = Robot(
@@ -104,17 +104,6 @@ def test_a_converted_log_is_not_converted_twice(tmp_path):
     assert_array_equal(once.q, twice.q)
     assert_array_equal(once.tau, twice.tau)
     assert twice.names == robot.joint_names
-
-
-def test_other_names_are_listed_with_the_line_that_maps_them():
-    log = replace(lwr_log(), names=tuple(f"right_arm_{i}_joint" for i in range(7)), source=None)
-    with pytest.raises(
-        JointNamesDiffer, match=r"right_arm_0_joint.*the robot file expects lwr_0_joint"
-    ) as caught:
-        matching_columns(log, lwr())
-    assert "joint_names: [right_arm_0_joint, right_arm_1_joint" in caught.value.fix
-    robot = replace(lwr(), driver=replace(lwr().driver, joint_names=log.names))
-    assert matching_columns(log, robot)[0] == list(range(7))
 
 
 def test_other_numbers_of_each_sample_are_kept(tmp_path):
