@@ -37,8 +37,6 @@ SECONDS, PROCESSES, STARTS = 3600.0, 1, 5
 BUDGET = 120.0
 #: Times the error without obstacles that a plan may have.
 WANTED = 1.5
-#: Shares of the torque limits that the search without obstacles may use, until a motion holds the limits themselves.
-TORQUES = (1.0, 0.9, 0.8, 0.65)
 HEADER = "arm | processor s | error N m | without obstacles | ratio | condition | nearest | always near | assumed"
 
 
@@ -53,19 +51,13 @@ def unhindered(robot, options):
     base = base_model(robot)
     context = planning_context(base, options)
     free = replace(plan_problem(context), capsules=None, narrow=None)
-    # Why: torque limits hold for both; where the penalty on torques was not quite obeyed the motion is drawn in a little,
-    # and where that does not help, because the pose it is drawn to is heavy to hold, the search gets less torque.
-    for share in TORQUES:
-        limits = replace(context.limits, torque=share * context.limits.torque)
-        for one in proposals(
-            context, optimise(replace(free, limits=limits), options, options.seconds)
-        ):
-            trajectory = one.trajectory
-            if not context.check(trajectory).violations:
-                motion = trajectory.sampled(options.rate)
-                return predict(
-                    base.model, base.reduction.base, motion, context.noise, context.other
-                ).torque_error
+    # Why: torque limits hold for both; where the penalty on torques was not quite obeyed the motion is drawn in a little.
+    free = replace(free, limits=context.limits)
+    for one in proposals(context, optimise(free, options, options.seconds)):
+        if not context.check(one.trajectory).violations:
+            motion = one.trajectory.sampled(options.rate)
+            found = predict(base.model, base.reduction.base, motion, context.noise, context.other)
+            return found.torque_error
     return float("nan")
 
 
@@ -88,7 +80,6 @@ def measure(name):
                 "closest": answer["closest"][0]["pair"] if answer["closest"] else "",
                 "left_out": answer["left_out_pairs"],
                 "assumed": answer["assumed_limits"],
-                "search": plan.search.text if plan.search else "",
             }
         except DynidError as error:
             row["refused"] = f"{error.code} {error.what}"

@@ -9,7 +9,6 @@ size, not for accuracy. Needs ``pip install -e '.[test]'``.
 
 import argparse
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -138,23 +137,12 @@ def whole_processes(robot, folder, samples):
         yield f"dynid identify, {label}", f"{took:.2f} s, {max(memory):.0f} MB", limit, beside
 
 
-def machine():
-    """Describe the machine in one line."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    names = [line.split(":")[1].strip() for line in lines if "model name" in line]
-    load = os.getloadavg()[0]
-    return (
-        f"{names[0] if names else platform.processor()}, {os.cpu_count()} cores, Python {platform.python_version()}, "
-        f"NumPy {np.__version__}, Pinocchio {pin.__version__}, load average {load:.1f} at the start"
-    )
-
-
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--samples", type=int, default=1_000_000)
     options = parser.parse_args()
     robot = load_robot(ROBOT)
-    print(machine(), "\n")
+    print(f"{study.MACHINE}, load average {os.getloadavg()[0]:.1f} at the start\n")
     with tempfile.TemporaryDirectory() as folder:
         processes = whole_processes(robot, Path(folder), options.samples)
         rows = [*derivation(robot), *evaluation(robot), *processes]

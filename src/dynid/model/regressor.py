@@ -362,8 +362,11 @@ class ModelTorques:
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
-        columns = body_regressor(self._model.robot, q, qd, qdd)[..., -10:]
-        return np.ascontiguousarray(columns.transpose(2, 0, 1))
+        last = 11 * (self._model.robot.n - 1)
+        chosen = np.searchsorted(self._model.link_columns, np.arange(last, last + 10))
+        return np.ascontiguousarray(
+            self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1)
+        )
 
 
 def prior_vector(model: Model) -> Floats:

@@ -6,32 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynid.arrays import Floats, Ints
+from dynid.arrays import Floats
 from dynid.model import tuning
-from dynid.model.effects.friction import sign_of
 from dynid.model.effects.motion import ArmMotion, Joints, Shape, Shapes
 from dynid.robot import LINK_PARAMETERS
 
 #: Smallest step of a difference: of an angle [rad], and of a compliance [rad/N m], a hundredth of the softest gear.
 ANGLE_STEP, COMPLIANCE_STEP = 1e-5, 1e-6
-#: Sign changes of the load that are evaluated together.
-TOGETHER = 1024
 
 
 # ---------------------------------------------------------------- friction
-def gear_frictions(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
-    """Return friction that waves with a wheel, for several wave numbers."""
-    sign = sign_of(motion, joints[0])
-    return [(wave * sign)[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
-
-
-def gear_shapes(motion: ArmMotion, joint: int) -> Shapes:
-    """Return the wave numbers of friction that are tried."""
-    return wave_shapes(
-        motion, joint, tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE
-    )
-
-
 def presliding(q: Floats, delta: float) -> Floats:
     """Return the bristle's state over a motion, exact in the position, (N,).
 
@@ -79,24 +63,19 @@ def wave_shapes(
     ]
 
 
-def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
-    """Return cos(k q) and sin(k q) of several shapes, each (2, N); of evenly spaced ones each turns the one before."""
-    k = np.array([shape["k"] for shape in shapes])
+def waves(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+    """Return cos(k q) and sin(k q) of shapes, (2, 1, N) each; of evenly spaced ones each turns the one before."""
+    q, k = motion.q[:, joints[0]], np.array([shape["k"] for shape in shapes])
     steps = np.diff(k)
     # Why not always: of what is not evenly spaced each needs its own, and of few each is more exact.
     if len(k) < MANY or not np.allclose(steps, steps[0], rtol=1e-9, atol=0.0):
-        return [np.array([np.cos(one * q), np.sin(one * q)]) for one in k]
+        return [np.array([[np.cos(one * q)], [np.sin(one * q)]]) for one in k]
     wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
     columns = []
     for _ in k:
-        columns.append(np.stack([wave.real, wave.imag]))
+        columns.append(np.array([[wave.real], [wave.imag]]))
         wave = wave * turn
     return columns
-
-
-def ripples(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
-    """Return waves over the position, for several wave numbers."""
-    return [wave[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
 
 
 def spring_forms(shape: Shape) -> tuple[str, ...]:
@@ -179,30 +158,24 @@ def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
     """
     turns = np.flatnonzero(np.diff(np.sign(push)) != 0) + 1
     step = np.diff(t, append=2 * t[-1] - t[-2])
-    jolts, free = [np.zeros_like(push) for _ in gaps], [0] * len(gaps)
-    # Why in parts: so many turns times as many samples are 3 MB, however long the motion is.
-    for part in np.array_split(turns, max(1, -(-len(turns) // TOGETHER))):
-        for g, (lands, speed) in enumerate(zip(*_landings(push, step, part, gaps), strict=True)):
-            for k, land, fast in zip(part.tolist(), lands.tolist(), speed.tolist(), strict=True):
-                if k >= free[g] and land < min(tuning.LONGEST_FLIGHT_SAMPLES, len(push) - k):
-                    end = free[g] = k + land
-                    jolts[g][k:end] = -push[k:end]
-                    jolts[g][end] = fast / step[end] - push[end]
-    return jolts
-
-
-def _landings(
-    push: Floats, step: Floats, turns: Ints, gaps: Sequence[float]
-) -> tuple[Ints, Floats]:
-    """Return after how many samples from each turn of the load a link has crossed each gap, and how fast, (G, T)."""
-    rows = turns[:, None] + np.arange(tuning.LONGEST_FLIGHT_SAMPLES)
-    lasts = np.where(rows < len(push), step[np.minimum(rows, len(push) - 1)], 0.0)
-    speed = np.cumsum(push[np.minimum(rows, len(push) - 1)] * lasts, axis=1)
+    flight = tuning.LONGEST_FLIGHT_SAMPLES
+    rows = turns[:, None] + np.arange(flight)
+    inside = np.minimum(rows, len(push) - 1)
+    lasts = np.where(rows < len(push), step[inside], 0.0)
+    speed = np.cumsum(push[inside] * lasts, axis=1)
     way = np.maximum.accumulate(np.abs(np.cumsum(speed * lasts, axis=1)), axis=1)
-    lands = np.array([np.sum(way < gap, axis=1) for gap in gaps])
-    return lands, np.take_along_axis(
-        speed, np.minimum(lands, tuning.LONGEST_FLIGHT_SAMPLES - 1).T, axis=1
-    ).T
+    jolts = []
+    for gap in gaps:
+        lands = np.sum(way < gap, axis=1)
+        fast = np.take_along_axis(speed, np.minimum(lands, flight - 1)[:, None], axis=1)[:, 0]
+        jolt, end = np.zeros_like(push), 0
+        for k, land, landing in zip(turns.tolist(), lands.tolist(), fast.tolist(), strict=True):
+            if k >= end and land < min(flight, len(push) - k):
+                end = k + land
+                jolt[k:end] = -push[k:end]
+                jolt[end] = landing / step[end] - push[end]
+        jolts.append(jolt)
+    return jolts
 
 
 def base_tilt(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dynid.model import tuning
 from dynid.model.effects import laws
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Effect
@@ -184,8 +185,10 @@ _ALL = (
         separate="a slow, even motion over several waves, both ways: a ripple keeps its sign, "
         "this does not",
         forms=("cos({k} q) sign(qd)", "sin({k} q) sign(qd)"),
-        many=laws.gear_frictions,
-        shapes_of=laws.gear_shapes,
+        many=lambda m, j, s: [sign_of(m, j[0]) * wave for wave in laws.waves(m, j, s)],
+        shapes_of=lambda m, j: laws.wave_shapes(
+            m, j, tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE
+        ),
         shape_units={"k": "1/rad"},
         steps={"k": ("plus", 0.2)},
         units={"a": "N m", "b": "N m"},
@@ -197,7 +200,7 @@ _ALL = (
         signature="a wave over the joint's position, faster in time when the joint is faster",
         separate="a slow, even motion over several waves",
         forms=("cos({k} q)", "sin({k} q)"),
-        many=laws.ripples,
+        many=laws.waves,
         shapes_of=laws.wave_shapes,
         shape_units={"k": "1/rad"},
         steps={"k": ("plus", 0.1)},
