@@ -130,22 +130,6 @@ def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch,
 BAG = ROOT / "trajectories/lwr4plus_identify.bag"
 
 
-@pytest.mark.slow
-def test_a_bag_is_described_and_converted_once_and_read_back(dynid):
-    line = f"check {BAG} --robot kuka_lwr4plus"
-    (checked,) = dynid(f"{line} --json").facts["checked"]
-    assert (checked["kind"], checked["samples"]) == ("log", 8000)
-    assert checked["rate_hz"] == pytest.approx(200, rel=0.01)
-    assert checked["duration_s"] == pytest.approx(40, rel=0.01)
-    assert len(checked["position_span_rad"]) == len(checked["torque_max_nm"]) == 7
-    path = "out/kuka_lwr4plus/log.npz"
-    assert f"wrote      {path}" in dynid(f"{line} --convert").err
-    assert len(read_npz_log(dynid.folder / path)) == 8000
-    assert dynid(f"{line} --convert").err.startswith("reused")
-    (again,) = dynid(f"check {path} --robot kuka_lwr4plus --json").facts["checked"]
-    assert again["samples"] == 8000
-
-
 def test_a_log_without_a_robot_says_what_it_holds(dynid):
     shown = dynid(f"check {BAG}").good.out
     assert "/lwr/joint_states  sensor_msgs/JointState, " in shown

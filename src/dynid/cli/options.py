@@ -23,7 +23,6 @@ from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, CONTEXT, IMPORTED, command_of, shown
 from dynid.cli.runfile import repeated
 from dynid.cli.session import Session
-from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
 from dynid.options import Options, declaration_of, flag_of
 from dynid.progress import heard_by
@@ -149,17 +148,15 @@ def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
         UnknownKey: a key is neither a common option, a command, nor an option of this command.
         WrongUsage: an option that takes one value is given a list.
     """
-    keys, values = keys_of(command), {}
+    keys = keys_of(command)
+    values: dict[str, Value] = {}
     common = [key for key in COMMON if key in keys]
     for path in [given] if given else filter(Path.is_file, (config_file(), LOCAL_CONFIG)):
         top = read_yaml(path).mapping([*common, *COMMANDS])
         own = top.get(str(command.name))
         inner = own.mapping([*keys]) if own and not own.is_null else {}
-        for key, value in ({key: top[key] for key in common if key in top} | inner).items():
-            if value.is_list and not keys[key].multiple:
-                raise value.wrong(" takes one value, not a list", kind=WrongUsage)
-            if not value.is_null:
-                values[key] = value
+        found = {key: top[key] for key in common if key in top} | inner
+        values |= {key: value for key, value in found.items() if not value.is_null}
     return values
 
 

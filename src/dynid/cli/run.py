@@ -66,8 +66,14 @@ def command(
     }
     line("end", {**facts, "wrote": wrote})
     failed = [job["status"] for job in jobs if job["outcome"] == "failed"]
-    shown = ("name", "outcome", "relative_error_percent", "unseen_relative_error_percent")
-    rows = [{**{key: job[key] for key in shown}, "message": job["message"] or None} for job in jobs]
+    columns = {
+        "job": "name",
+        "outcome": "outcome",
+        "error %": "relative_error_percent",
+        "held out %": "unseen_relative_error_percent",
+        "what": "message",
+    }
+    rows = [{head: job[key] or None for head, key in columns.items()} for job in jobs]
     counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
     verdict = ("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")
     return Answer(

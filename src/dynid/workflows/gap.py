@@ -323,19 +323,11 @@ class Gap(Judged, GapRecord):
         own = replace(own, cutoff=before.cutoff or own.cutoff)
         unseen = {id(log) for log in self.unseen_logs}
         fitted = [log for log in self.recordings if id(log) not in unseen]
-        model, every = problem.base.model, (*self.before, *fitted)
+        model = problem.base.model
         logs = on_one_clock(condition_logs(fitted, model, replace(own, delay=late)))
         earlier = condition_logs(self.before, model, own) if self.before else []
         base, stack = stacked_with(logs, problem.base, specs, problem.theta, earlier)
-        seen = Observations(
-            base=base,
-            stack=stack,
-            logs=tuple(str(log.source or "") for log in every),
-            log_sha256=tuple(log.sha256 for log in every),
-            delay=None,
-            applied_delay=late,
-            findings=(),
-        )
+        seen = Observations(stack)
         physical = before.in_force == "physical"
         options = IdentifyOptions(
             method=before.method if before.why == "as asked" else "auto",

@@ -270,7 +270,8 @@ def find_payload(loaded: ResultLike, unloaded: ResultLike) -> IdentifiedPayload:
 
 def _diagnosed(seen: Observations, robot: Robot, options: LogOptions) -> tuple[Finding, ...]:
     """Ask whether the robot file is wrong, by checked logs or what is still there of stored ones."""
-    there = [path for path in map(Path, seen.logs) if path.exists() and path.name]
+    paths = [Path(log.path) for log in seen.stack.logs if log.path]
+    there = [path for path in paths if path.exists()]
     logs = seen.checked or [load_log(path, robot, options, identify=False) for path in there]
     return diagnose_logs(logs, robot, options)
 

@@ -253,7 +253,6 @@ class ValidateOptions(LogOptions):
     max_rms: float | None = option(
         None,
         "Exit 1 if the rms torque error of any joint is larger [N m or N].",
-        metavar="NM",
         bounds=(0, None),
     )
     max_unexplained: float | None = option(
@@ -397,9 +396,7 @@ class SimDriverOptions(Options):
 
     rate: float = option(100.0, "Rate of the joint states [Hz].", bounds=(1, 1000))
     topic: str | None = option(None, "Topic of the joint states (default: the robot file's).")
-    master: str | None = option(
-        None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
-    )
+    master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).")
     pose: str | None = option(
         None,
         "Where the arm stands: at the start of a trajectory, or at DH positions [rad or m].",
@@ -413,40 +410,26 @@ class SimDriverOptions(Options):
     torque_noise: float | None = option(
         None,
         "Standard deviation of all torques [N m] (default: the truth file's).",
-        metavar="NM",
         bounds=(0, None),
     )
-    torque_step: float = option(
-        0.0, "Resolution of the torques [N m].", metavar="NM", bounds=(0, None)
-    )
-    torque_offset: float = option(
-        0.0, "Offset of all torque sensors until they are zeroed [N m].", metavar="NM"
-    )
+    torque_step: float = option(0.0, "Resolution of the torques [N m].", bounds=(0, None))
+    torque_offset: float = option(0.0, "Offset of all torque sensors until they are zeroed [N m].")
     position_step: float | None = option(
         None,
         "Resolution of the encoders [rad] (default: the truth file's).",
-        metavar="RAD",
         bounds=(0, None),
     )
-    latency: float = option(
-        0.0, "Time from sampling to publishing [s].", metavar="S", bounds=(0, 1)
-    )
-    jitter: float = option(
-        0.0, "Standard deviation added to the latency [s].", metavar="S", bounds=(0, 1)
-    )
-    drop: float = option(
-        0.0, "Share of the messages that are lost.", metavar="SHARE", bounds=(0, 1)
-    )
+    latency: float = option(0.0, "Time from sampling to publishing [s].", bounds=(0, 1))
+    jitter: float = option(0.0, "Standard deviation added to the latency [s].", bounds=(0, 1))
+    drop: float = option(0.0, "Share of the messages that are lost.", bounds=(0, 1))
     skew: float = option(
         0.0,
         "How much later than the position torque and velocity are polled [s] (Kinova).",
-        metavar="S",
         bounds=(0, 1),
     )
     duration: float | None = option(
         None,
         "Length of the simulation [s] (default: until Ctrl-C).",
-        metavar="S",
         bounds=(LEAST, None),
     )
     seed: int = option(0, "Seed of all noise.")
@@ -468,29 +451,22 @@ class RecordOptions(Options):
     speed: float = option(
         "100%",
         "Speed of the motion, as a share of the planned one.",
-        metavar="SHARE",
         read=partial(_quantity, unit="%", most=10.0),
     )
     max_deviation: float = option(
         "0.15rad",
         "Stop the arm when a joint is further than this from the planned position [rad or m].",
-        metavar="DISTANCE",
         read=partial(_quantity, unit="rad", most=1e3),
         deliberate=True,
     )
-    master: str | None = option(
-        None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
-    )
-    topic: str | None = option(
-        None, "Topic of the joint states (default: the robot file's).", metavar="T"
-    )
+    master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).")
+    topic: str | None = option(None, "Topic of the joint states (default: the robot file's).")
     command_topic: str | None = option(
-        None, "Topic or action of the commands (default: the driver's).", metavar="T"
+        None, "Topic or action of the commands (default: the driver's)."
     )
     timeout: float = option(
         "2s",
         "How long to wait for the ROS master and for messages [s].",
-        metavar="SECONDS",
         read=partial(_quantity, unit="s", most=86400.0),
     )
     accept_unreviewed: bool = option(
@@ -507,7 +483,6 @@ class RecordOptions(Options):
     duration: float | None = option(
         None,
         "Length of a recording with --listen-only [s] (default: until the messages stop).",
-        metavar="S",
         bounds=(LEAST, None),
     )
 
@@ -529,7 +504,6 @@ class Extras(Options):
     load_mass: float | None = option(
         None,
         "Mass of the load in the log given with --loaded [kg].",
-        metavar="KG",
         bounds=(LEAST, None),
     )
     update: Path | None = option(

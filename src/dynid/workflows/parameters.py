@@ -58,24 +58,26 @@ class Observations(Answered):
     """Logs stacked for one arm, ready to be identified from.
 
     Attributes:
-        base: model and base parameters.
         stack: the stacked rows, as triangular factors.
-        logs: where the logs came from.
-        log_sha256: hashes of their files.
         delay: the estimated delay of the torques and its standard error [s], None when nobody asked.
-        applied_delay: what was corrected [s].
         findings: what was noticed in the logs.
         checked: the checked logs, for questions about the robot file; () when read from a file.
     """
 
-    base: BaseModel
     stack: Stack
-    logs: tuple[str, ...]
-    log_sha256: tuple[str, ...]
-    delay: tuple[float, float] | None
-    applied_delay: float
-    findings: tuple[Finding, ...]
+    delay: tuple[float, float] | None = None
+    findings: tuple[Finding, ...] = ()
     checked: tuple[Log, ...] = ()
+
+    @property
+    def base(self) -> BaseModel:
+        """Model and base parameters."""
+        return self.stack.base
+
+    @property
+    def applied_delay(self) -> float:
+        """By how much the torques were moved back [s]."""
+        return self.stack.logs[0].delay
 
     @property
     def cutoff(self) -> float:
@@ -91,8 +93,8 @@ class Observations(Answered):
         robot, coulomb = self.base.robot, self.base.robot.estimated_coulomb
         return {
             **picked(robot, robot="name", key="model_key"),
-            "log_sha256": list(self.log_sha256),
-            "logs": list(self.logs),
+            "log_sha256": [log.sha256 for log in self.stack.logs],
+            "logs": [log.path for log in self.stack.logs],
             **picked(self.stack.logs[0].filter, kept_rate_hz="kept_rate", cutoff_hz="cutoff"),
             "log_findings": [asdict(finding) for finding in self.findings],
             "delay_s": self.delay[0] if self.delay else self.applied_delay or None,
@@ -206,21 +208,11 @@ def observe(
     late: Sequence[Finding] = ()
     if options.delay is None:
         stack, delay, late = on_time(stack)
-    applied = stack.logs[0].delay
     if base.robot.coulomb is None and base.robot.estimated_coulomb is None:
         stack = with_estimated_step(
             stack, checked, measured_velocity=options.velocity == "measured"
         )
-    return Observations(
-        base=stack.base,
-        stack=stack,
-        logs=tuple(log.path for log in stack.logs),
-        log_sha256=tuple(log.sha256 for log in stack.logs),
-        delay=delay,
-        applied_delay=applied,
-        findings=(*noticed, *late, *few, *copies),
-        checked=tuple(given),
-    )
+    return Observations(stack, delay, (*noticed, *late, *few, *copies), tuple(given))
 
 
 @one_thread
@@ -236,13 +228,12 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
     base.robot.require_joints(header["joints"], path)
     with reading(path):
         base = with_coulomb(base, coulomb_of(header))
-        logs, hashes = tuple(header["logs"]), tuple(header["log_sha256"])
-        error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])
+        error = header["delay_std_error_s"]
         delay = None if error is None else (float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
         stack = stack_logs(with_settled_effects(conditioned, base), base)
-    stage("log", f"from {path}: {', '.join(logs)}")
-    return Observations(base, stack, logs, hashes, delay, applied, findings)
+    stage("log", f"from {path}: {', '.join(log.path for log in stack.logs)}")
+    return Observations(stack, delay, findings)
 
 
 def stored_key(path: Path, robot: Robot) -> dict[str, Any]:

@@ -134,17 +134,6 @@ def test_nothing_can_be_applied_where_nothing_is_named(result):
         found.apply()
 
 
-@pytest.mark.slow
-def test_a_kept_model_is_compared_with_the_same_motion_before(arm, springy):
-    """The arm had a spring that its model lacks; now its elbow has more friction, and that alone is new."""
-    logs, result = springy
-    new = [rubbing(log(plan, 49 + plan, STIFFNESS), plan, 0.4) for plan in (1, 2)]
-    found = find_gap(result, new, mode="frozen", earlier=logs[::2])
-    assert [(one.effect, one.indices) for one in found.named] == [("coulomb_change", (1,))]
-    assert found.named[0].values["c"] == pytest.approx(0.4, rel=0.1)
-    assert "row by row" in found.noise_note
-
-
 def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp_path):
     paths = [tmp_path / f"{k}.npz" for k in range(2)]
     for k, path in enumerate(paths):
