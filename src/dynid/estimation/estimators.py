@@ -26,23 +26,17 @@ from dynid.estimation.stack import Stack
 
 
 # ---------------------------------------------------------------- spikes
-def look_for_spikes(rows: Rows, theta: Floats) -> tuple[Floats, bool]:
-    """Look at the residuals of a first fit.
+def has_spikes(rows: Rows, theta: Floats) -> bool:
+    """Return whether the residuals of a first fit, (p,), have so many spikes that the robust fit is worth its price.
 
-    Args:
-        rows: observation rows.
-        theta: parameters of the first fit, (p,), each in its unit.
-
-    Returns:
-        Share of spikes of each joint, (n,), and whether the robust fit is worth its small loss of efficiency: many
-        spikes and heavy tails at a joint.
+    That is a small loss of efficiency: many spikes and heavy tails at one joint.
     """
     scaled, count = rows.residual(theta) / robust_noise(rows, theta), np.maximum(rows.counts, 1)
     shares = np.sum(np.abs(scaled) > tuning.SPIKE_ERRORS, axis=0) / count
     centred = np.where(rows.use, scaled - scaled.sum(axis=0) / count, 0.0)
     square, fourth = (np.sum(centred**power, axis=0) / count for power in (2, 4))
     heavy = fourth > tuning.SPIKE_KURTOSIS * np.maximum(square**2, 1e-300)
-    return shares, bool(np.any((shares > tuning.SPIKE_SHARE) & heavy))
+    return bool(np.any((shares > tuning.SPIKE_SHARE) & heavy))
 
 
 def huber(rows: Rows, start: Fit, max_rounds: int = 50) -> Fit:
@@ -165,8 +159,6 @@ def choose(stack: Stack) -> tuple[str, str]:
     """Return the name of the estimator that the residuals ask for, and why."""
     if stack.earlier is not None:
         return "wls", "the earlier result that is updated keeps triangular factors, not single rows"
-    shares, spiky = look_for_spikes(stack.rows, stack.first_fit.theta)
-    if spiky:
-        share = f"up to {100 * float(np.max(shares)):.1f} % of a joint's samples"
-        return "irls", f"the residual has spikes ({share}), which get little weight"
+    if has_spikes(stack.rows, stack.first_fit.theta):
+        return "irls", "the residual has spikes, which get little weight"
     return "wls", "no spikes in the residual"
