@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loaded_arm import LOAD, followed, recorded
+from loaded_arm import LOAD, recorded
 
 from dynid import Identification
 from dynid.estimation.drive_gains import find_gains, known_load
@@ -38,7 +38,7 @@ def loaded(lwr):
 
 
 def test_mass_and_centre_of_mass_of_a_load_are_found_within_three_percent(lwr):
-    full, empty = (identified(lwr, log, "auto") for log in (followed(32, LOAD), followed(31)))
+    full, empty = (identified(lwr, log, "auto") for log in (recorded(32, LOAD), recorded(31)))
     found = find_payload(full, empty)
     assert found.body.mass == pytest.approx(LOAD.mass, rel=0.03)
     assert np.linalg.norm(np.subtract(found.body.com, LOAD.com)) < 0.03 * np.linalg.norm(LOAD.com)
