@@ -39,21 +39,13 @@ COLUMNS = {
     "clipped": "",
 }
 
-#: Other names of arrays in a file of a log, which mean something else there.
-ARRAYS = ("t", "q_motor", "tau_motor")
-
-
-def has_rows(value: object, samples: int) -> bool:
-    """Return whether a value of ``extra`` has one row per sample."""
-    return isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == samples
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Log(Answered):
     """A recording of one arm: N samples of n joints.
 
     Arrays may be anything NumPy makes an array of; they are stored as float64, without a copy where they have that type
-    already. A single joint may be given as (N,).
+    already.
 
     Attributes:
         t: time stamps, (N,) [s].
@@ -73,7 +65,7 @@ class Log(Answered):
             time increasing.
         findings: what was noticed while reading and checking.
         extra: further arrays and facts, such as the commanded positions ``q_ref`` (N, n) in the unit of q. Order, unit
-            and sign of what ``COLUMNS`` names are changed like those of q; other arrays with a row per sample stay.
+            and sign of what ``COLUMNS`` names are changed like those of q.
 
     Raises:
         LogLayout: an array has another shape than (N, n), holds no numbers, or a unit is not known.
@@ -98,10 +90,11 @@ class Log(Answered):
     def __post_init__(self) -> None:
         """Check shapes, number types and units."""
         self._set("t", self._floats("t", self.t).reshape(-1))
-        q = self._floats("q", self.q)
-        self._set("q", q[:, None] if q.ndim == 1 else q)
+        self._set("q", self._floats("q", self.q))
         if self.q.ndim != 2 or len(self.q) != len(self.t):
-            raise self._wrong(f"array 'q' is {q.shape}, expected ({len(self.t)}, number of joints)")
+            raise self._wrong(
+                f"array 'q' is {self.q.shape}, expected ({len(self.t)}, number of joints)"
+            )
         self._set("tau", self._columns("tau", self.tau))
         if self.qd is not None:
             self._set("qd", self._columns("qd", self.qd))
@@ -138,8 +131,6 @@ class Log(Answered):
 
     def _columns(self, key: str, values: ArrayLike, quantity: str = "any") -> NDArray[Any]:
         array: NDArray[Any] = self._floats(key, values) if quantity else np.asarray(values)
-        if array.ndim == 1 and self.n == 1:
-            array = array[:, None]
         if array.shape != self.q.shape:
             raise self._wrong(f"array '{key}' is {array.shape}, expected {self.q.shape}")
         return array
@@ -210,29 +201,13 @@ class Log(Answered):
 
     def named_columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of a table by name, (N,) each; those without any number were never recorded."""
-        joints = list(self.names) or [f"joint_{k + 1}" for k in range(self.n)]
-        tables = {
-            "i" if kind == "tau" and self.tau_unit == "A" else kind: values
-            for kind, values in self.columns.items()
-            if COLUMNS[kind] and np.isfinite(values).any()
-        }
+        joints = self.names or tuple(f"joint_{k + 1}" for k in range(self.n))
         columns = {"t": self.t}
-        for key, values in (tables | self.further()).items():
-            table = values.reshape(len(self), -1)
-            names = joints if values.shape == self.q.shape else range(table.shape[1])
-            for k, name in enumerate(names):
-                columns[key if values.ndim == 1 else f"{key}_{name}"] = table[:, k]
+        for kind, values in self.columns.items():
+            if COLUMNS[kind] and np.isfinite(values).any():
+                key = "i" if kind == "tau" and self.tau_unit == "A" else kind
+                columns |= {f"{key}_{name}": x for name, x in zip(joints, values.T, strict=True)}
         return columns
-
-    def further(self) -> dict[str, NDArray[Any]]:
-        """Return what stands in ``extra`` beside ``COLUMNS`` and has a row of numbers per sample, (N, ...)."""
-        return {
-            key: value
-            for key, value in self.extra.items()
-            if key not in (*COLUMNS, *ARRAYS)
-            and has_rows(value, len(self))
-            and np.issubdtype(value.dtype, np.number)
-        }
 
     def save(self, path: str | Path, run: Mapping[str, Any] | None = None) -> Path:
         """Write the log as .npz, whole, with names and units in its header; ``dynid.load_log`` reads and checks it.
@@ -242,7 +217,7 @@ class Log(Answered):
             run: facts about the run that made it, for the header: command line, seed, hashes of inputs.
         """
         columns = {key: x for key, x in self.columns.items() if COLUMNS[key]}
-        arrays = {"t": self.t, "q": self.q, "tau": self.tau} | columns | self.further()
+        arrays = {"t": self.t, **columns}
         header = {
             "schema": SCHEMA,
             "dynid": __version__,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 from dynid.exporters.engines import bare_urdf, in_mujoco
-from dynid.exporters.interface import Format, IdentifiedArm, Loaded, NotTried
+from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.exporters.user_urdf import rewritten
 from dynid.model.attached import attached
@@ -47,16 +47,17 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load the bodies in MuJoCo; None where they cannot exist, which it refuses and a URDF may hold.
 
-    Raises:
-        NotTried: MuJoCo refuses the user's own file, such as for what hangs on the arm.
+    None also where MuJoCo refuses the user's own file, such as for what hangs on the arm.
     """
     if simulated(arm).full.impossible_links():
         return None
     names, mapping = joints_of(arm)
     try:
         return in_mujoco(bare_urdf(text), names, arm, "rigid body", numbers_of(arm), mapping)
-    except ValueError as error:
-        raise (error if arm.urdf is None else NotTried(f"MuJoCo: {error}")) from error
+    except ValueError:
+        if arm.urdf is None:
+            raise
+        return None
 
 
 def joints_of(arm: IdentifiedArm) -> tuple[tuple[str, ...], JointMap]:

@@ -26,7 +26,7 @@ from dynid.errors import (
 from dynid.files import tables, tuning
 from dynid.files.artifact import require_schema
 from dynid.files.bags import list_topics, read_topics
-from dynid.log import ARRAYS, COLUMNS, SCHEMA, Log, has_rows
+from dynid.log import COLUMNS, SCHEMA, Log
 from dynid.npz import HEADER, read_npz
 from dynid.robot import Robot
 
@@ -92,7 +92,7 @@ def read_log(
         log = _read_joint_states(path, robot, topic)
     log = replace(log, sha256=sha256(path))
     if len(log) and np.isfinite(log.t[0]) and abs(log.t[0]) > tuning.CALENDAR_FROM_S:
-        log = replace(log, t=log.t - log.t[0], extra={**log.extra, "t0": float(log.t[0])})
+        log = replace(log, t=log.t - log.t[0])
     if not log.names:
         text = f"{path.name} does not name its columns: the order {', '.join(robot.log_names)} is assumed"
         log = replace(log, findings=(*log.findings, Finding("W320", "warning", text)))
@@ -103,7 +103,6 @@ def read_log(
 def read_npz_log(path: Path) -> Log:
     """Read an .npz log, which ``Log.save`` writes: arrays ``t, q, [qd], tau, [q_ref]`` and one JSON header.
 
-    Other arrays with a row per sample go into ``extra``.
     Plain .npz files of other people have no header: their columns have no names. ``q_motor`` and ``tau_motor`` in the
     place of ``q`` and ``tau`` say that the numbers are on the motor side.
 
@@ -132,12 +131,7 @@ def read_npz_log(path: Path) -> Log:
         if key not in arrays:
             have = ", ".join(sorted(arrays)) or "no arrays"
             raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=path)
-    extra = {
-        key: values
-        for key, values in arrays.items()
-        if key not in (*ARRAYS, "q", "qd", "tau")
-        and (COLUMNS[key] if key in COLUMNS else has_rows(values, arrays[t].size))
-    }
+    more = [key for key in COLUMNS if COLUMNS[key] and key not in ("q", "qd", "tau")]
     effort = units.get("effort")
     log = Log(
         t=arrays[t],
@@ -151,7 +145,7 @@ def read_npz_log(path: Path) -> Log:
         units=units,
         motor_side=motor or bool(header.get("motor_side")),
         dh=bool(header.get("dh")),
-        extra=extra,
+        extra={key: arrays[key] for key in more if key in arrays},
     )
     if not log.q.size:
         raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=path)

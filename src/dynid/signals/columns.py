@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Floats, Mask
 from dynid.drivers.interface import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
-from dynid.log import COLUMNS, Log, has_rows
+from dynid.log import COLUMNS, Log
 from dynid.robot import Robot
 from dynid.signals import tuning
 from dynid.text import yaml_word
@@ -175,8 +175,6 @@ def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
 
 def take_samples(log: Log, keep: NDArray[np.intp] | slice) -> Log:
     """Return the log with some of its rows, in the given order."""
-    extra = {
-        key: value[keep] if has_rows(value, len(log)) else value for key, value in log.extra.items()
-    }
+    extra = {key: value[keep] if key in COLUMNS else value for key, value in log.extra.items()}
     qd = None if log.qd is None else log.qd[keep]
     return replace(log, t=log.t[keep], q=log.q[keep], tau=log.tau[keep], qd=qd, extra=extra)

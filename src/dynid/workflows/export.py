@@ -23,7 +23,6 @@ from dynid.exporters.interface import (
     Format,
     IdentifiedArm,
     LoadingFailed,
-    NotTried,
     Provenance,
 )
 from dynid.exporters.simulated import simulated
@@ -48,7 +47,6 @@ class ExportedFile:
         refused: what the engine said that refused the file, empty when none did.
         elements: effects that are in its numbers, one phrase each.
         beside: what ``effects.py`` beside it adds, one phrase each.
-        not_tried: why the machine does not let it be loaded, empty when it does.
     """
 
     format: str
@@ -59,7 +57,6 @@ class ExportedFile:
     refused: str = ""
     elements: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
-    not_tried: str = ""
 
     @property
     def agrees(self) -> bool:
@@ -86,7 +83,7 @@ class ExportedFile:
                 for each in self.agreements
             ],
             "refused": self.refused or None,
-            "not_tried": self.not_tried or None,
+            "not_tried": None,
             **picked(self, "leaves_out", "elements", effects_py="beside"),
         }
 
@@ -131,8 +128,7 @@ class ExportedModel(Answered):
                 shown = f"{each.largest:.1e} of {each.torque_rms:.3g} N m"
                 rows.append((file.format, each.engine, each.what, shown))
             if not file.agreements:
-                why = f"not tried: {file.not_tried}" * bool(file.not_tried)
-                words = "refused" if file.refused else why or "no program here to load it"
+                words = "refused" if file.refused else "no program here to load it"
                 rows.append((file.format, "-", words, "-"))
         heads = ("format", "loaded in", "compared", "largest difference")
         return Table([dict(zip(heads, row, strict=True)) for row in rows])
@@ -350,8 +346,6 @@ def _proved(form: Format, path: Path, text: str, arm: IdentifiedArm, seed: int) 
         exported = replace(exported, agreements=tuple(form.check(text, arm, seed)))
     except LoadingFailed as error:
         exported = replace(exported, refused=str(error))
-    except NotTried as error:
-        exported = replace(exported, not_tried=str(error))
     if form.name not in HOSTS:
         return exported
     where = simulated(arm)

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from dynid import Log, Robot
 from dynid.diagnose.diagnosis import driver_columns
 from dynid.errors import LogLayout
-from dynid.files.convert import write_log
-from dynid.files.logs import read_log, read_npz_log
+from dynid.files.logs import read_log
 from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, TorqueSource
 from dynid.signals.checks import prepare
 from dynid.signals.columns import in_si, robot_columns, take_samples, to_dh
@@ -106,15 +105,6 @@ def test_a_converted_log_is_not_converted_twice(tmp_path):
     assert twice.names == robot.joint_names
 
 
-def test_other_numbers_of_each_sample_are_kept(tmp_path):
-    more = {"warm": np.arange(5.0), "forces": np.ones((5, 6)), "start_ns": 7, "four": np.ones(4)}
-    again = read_npz_log(raw(names=("a", "b"), extra=more).save(tmp_path / "log.npz"))
-    assert set(again.extra) == {"warm", "forces"}
-    assert take_samples(again, np.array([3, 1])).extra["warm"].tolist() == [3.0, 1.0]
-    write_log(again, tmp_path / "log.csv")
-    header, *rows = (tmp_path / "log.csv").read_text().splitlines()
-    assert header.endswith("tau_a,tau_b,warm," + ",".join(f"forces_{k}" for k in range(6)))
-    assert rows[2].endswith(",2.0" + 6 * ",1.0")
 
 
 @pytest.mark.parametrize("samples", [7, 500])
