@@ -73,19 +73,15 @@ def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
         element = re.search(rf"{name}(?:/>|>.*?</link\s*>)", seen, re.DOTALL)
         assert element is not None
         own = re.compile(r"<inertial\b.*?</inertial\s*>", re.DOTALL).search(seen, *element.span())
-        at = (own or element).start()
-        before = text[text.rfind("\n", 0, at) + 1 : at]
-        indent, around = before if not before.strip() else "    ", "{}"
+        block = rendered("inertial.xml", body=body, note=note).strip().replace("\n", "\n    ")
+        start = end = seen.index(">", element.start()) + 1
         if own:
             start, end = own.span()
+        elif seen[end - 2] == "/":
+            start, block = end - 2, f">\n    {block}\n  </link>"
         else:
-            end = seen.index(">", at) + 1
-            start = end - 2 * (closed := seen[end - 2] == "/")
-            around = f"\n{indent}  {{}}"
-            around = f">{around}\n{indent}</link>" if closed else around
-            indent += "  "
-        block = rendered("inertial.xml", body=body, note=note).strip().replace("\n", f"\n{indent}")
-        pieces.append((start, end, around.format(block)))
+            block = f"\n    {block}"
+        pieces.append((start, end, block))
     for start, end, piece in sorted(pieces, reverse=True):
         text = text[:start] + piece + text[end:]
     return text

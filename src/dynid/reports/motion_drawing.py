@@ -1,6 +1,6 @@
 """The picture of a motion, poses above the traces of all joints, and its animation, as PyBullet shows them.
 
-Where PyBullet is missing, the still shows capsules along the links.
+Where PyBullet is missing, the still shows the links as lines.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from dynid.trajectory.preview import STILLS, Drawing
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#9a8a00")
 #: Poses beside each other, width and height of one and height of the traces [inch].
 COLUMNS, WIDE, HIGH, TRACES = 3, 4.8, 3.6, 2.4
-#: Poses whose tool path is drawn behind the capsules, and from where these are seen [deg].
-PATH, ELEVATION, AZIMUTH = 400, 18, -50
-#: Pixels an inch, points an inch (the unit of line widths), and length of the animation [ms].
-DPI, POINTS, SHOWN = 100, 72, 6000
+#: Instants at which a motion is drawn.
+PATH = 400
+#: Pixels an inch, and length of the animation [ms].
+DPI, SHOWN = 100, 6000
 
 
 def draw_motion(
@@ -40,7 +40,7 @@ def draw_motion(
         drawing: where to, and the title.
         trajectory: the motion.
         capsules: the arm and its surroundings.
-        pictures: PyBullet's, spread over the motion; capsules are drawn in place of none.
+        pictures: PyBullet's, spread over the motion; lines are drawn in place of none.
     """
     from PIL import Image
 
@@ -92,27 +92,19 @@ def _sheet(title: str, trajectory: Trajectory, robot: Robot, pictures: Sequence[
 
 
 def _sketched(trajectory: Trajectory, capsules: Capsules) -> list[Picture]:
-    """Return pictures of capsules spread over a motion."""
+    """Return pictures of the links, the path of the tool and the obstacles, spread over a motion."""
     path = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
-    poses, scene, pictures = capsules.ends(path.q)[0], capsules.scene, []
-    corners = [corner for box in scene.obstacles for corner in (box.lower, box.upper)]
-    points = np.vstack([poses.reshape(-1, 3), *corners])
-    width = 2 * POINTS * HIGH * 0.75 / np.ptp(points, axis=0).max()
+    poses, pictures = capsules.ends(path.q)[0], []
     for k in np.linspace(0, PATH - 1, STILLS).round().astype(int):
         canvas = _canvas(WIDE, HIGH)
-        axes = canvas.figure.add_axes((-0.15, -0.15, 1.3, 1.3), projection="3d")
-        axes.view_init(ELEVATION, AZIMUTH)
-        axes.tick_params(labelsize=6)
+        axes = canvas.figure.add_subplot(projection="3d")
         axes.plot(*poses[:, -1, 1].T, color="#bbbbbb", lw=0.7)
-        for i, (link, radius) in enumerate(zip(poses[k], capsules.radii, strict=True)):
-            look = {"color": COLORS[i % len(COLORS)], "alpha": 0.8}
-            axes.plot(*link.T, lw=radius * width, solid_capstyle="round", **look)
-        if scene.floor is not None:
-            x, y = np.meshgrid(*zip(points.min(axis=0)[:2], points.max(axis=0)[:2], strict=True))
-            axes.plot_surface(x, y, np.full((2, 2), scene.floor), color="#999999", alpha=0.2)
-        for box in scene.obstacles:
+        for i, link in enumerate(poses[k]):
+            axes.plot(*link.T, lw=6, solid_capstyle="round", color=COLORS[i % len(COLORS)])
+        for box in capsules.scene.obstacles:
             axes.bar3d(*box.lower, *np.subtract(box.upper, box.lower), color="#d55e00", alpha=0.3)
         axes.set_aspect("equal")
+        axes.locator_params(nbins=4)
         canvas.draw()
         pictures.append((float(path.t[k]), np.array(canvas.buffer_rgba())[..., :3]))
     return pictures

@@ -81,6 +81,7 @@ def random_model_error(arm, seed=0):
 SIZES = {
     "spring": {"order": 3.0, "constant": 1.0, "k1": 2.0, "k2": 0.3, "k3": 0.4, "c": 0.5},
     "end_stop": {"side": -1.0, "q1": 0.2, "a": 4.0},
+    "stribeck": {"a": 1.1, "vs": 0.3, "d": 1.7},
     "encoder_offset": {"offset": 0.02},
     "payload": {"form": 10.0, "m": 1.5, "mcx": 0.02, "mcy": 0.01, "mcz": 0.1}
     | {"Ixx": 0.012, "Ixy": 0.0, "Ixz": 0.0, "Iyy": 0.012, "Iyz": 0.0, "Izz": 0.004},

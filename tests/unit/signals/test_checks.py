@@ -319,7 +319,7 @@ def test_samples_taken_unevenly_and_coarse_encoders_that_cannot_tell_keep_their_
 def moved(low, high, limits=(-1.0, 2.0)):
     """Return the findings for a joint that moves from one angle to another."""
     arm = Robot("one", "standard", (Joint("a", limits=Limits(limits)),))
-    q = np.linspace(low, high, 50)
+    q = np.linspace(low, high, 50)[:, None]
     return tuple(check_ranges(Log(np.arange(50) * 0.01, q, 0 * q, dh=True), arm))
 
 

@@ -105,8 +105,6 @@ def test_a_converted_log_is_not_converted_twice(tmp_path):
     assert twice.names == robot.joint_names
 
 
-
-
 @pytest.mark.parametrize("samples", [7, 500])
 def test_a_checked_log_may_be_cut_by_hand(samples):
     """Also where it has as many samples as joints."""
