@@ -119,7 +119,6 @@ FILES = {
         np.zeros((N, 16)),
         -TAU,
     ),
-    "microseconds": table("time|q{}|tau{}", np.round(T * 1e6).astype(int), Q, TAU),
     "names in German letters": table(
         "t|" + "|".join(f"Gelenk_{x}.{kind}" for kind in ("position", "moment") for x in "äöü"),
         T,
