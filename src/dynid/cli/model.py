@@ -112,23 +112,15 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
     if not derived.wrote:
         session.stage("reused", f"{path}       (--rebuild derives it again)")
         return derived
-    flops, seconds = derived.model.rigid.flops, derived.seconds["symbolic"]
-    work = f"{derived.model.size} parameters, {flops} operations, {seconds:.2f} s"
-    session.stage("symbolic", f"Newton-Euler, {work}")
     session.wrote(path, note="reused until the robot file changes")
     return derived
 
 
 def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> Answer:
     """Group the parameters into base parameters, and answer with their classes and relations."""
-    path, seed = RunFolder(derived.folder).model[1], session.seed
-    name = derived.model.robot.word
-    made = workflows.model.reduce_model(derived, options, seed=seed)
-    reduction = made.base.reduction
+    path, name = RunFolder(derived.folder).model[1], derived.model.robot.word
+    made = workflows.model.reduce_model(derived, options, seed=session.seed)
     if path in made.wrote:
-        size = f"{len(reduction.names)} -> {reduction.rank} columns, rank {reduction.rank}"
-        gap = f"gap between kept and dropped singular values {reduction.gap:.0e}, seed {seed}"
-        session.stage("reduced", f"{size}, {gap}")
         session.wrote(path)
     else:
         session.stage("reused", str(path))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -166,9 +165,8 @@ def _kind_of(path: str) -> str:
     """Return what a path is taken for: ``"robot"``, ``"result"`` or ``"log"``."""
     file = Path(path.partition(".urdf#")[0] + ".urdf" * (".urdf#" in path))
     if file.suffix == ".npz" and file.is_file():
-        kind = kind_of(file)
         # Why: arrays without a header are a log that somebody has saved.
-        return "log" if kind == "dynid/log" or (not kind and zipfile.is_zipfile(file)) else "result"
+        return "log" if kind_of(file) in ("dynid/log", "") else "result"
     return "log" if file.is_dir() or file.suffix not in (*ROBOT_SUFFIXES, "") else "robot"
 
 

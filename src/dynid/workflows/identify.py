@@ -208,8 +208,6 @@ def _reported(result: Identification) -> Identification:
         result = replace(result, header=result.header | facts)
     stage("estimate", f"{METHOD_TEXT[result.method]}; {result.why}")
     stage("", f"{len(result.names)} base parameters; held out: {result.heldout}")
-    conditions = f"{result.condition_number_scaled:.3g} with normalised columns ({result.condition_number:.3g} without)"
-    stage("excited", f"condition number {conditions}")
     notice(result.findings)
     return result
 

@@ -273,8 +273,8 @@ class Plan(Answered):
         rows = []
         for peak, joint in zip(self.check.peaks, self.robot.joints, strict=True):
             row = picked(peak, "joint", "position", "velocity", "acceleration", "torque")
-            unit = "rad, N m" if joint.revolute else "m, N"
-            rows.append(row | {"unit": unit, "share of limit": peak.share})
+            unit = "rad, s, N m" if joint.revolute else "m, s, N"
+            rows.append(row | {"unit": unit, "share": peak.share})
         return Table(rows)
 
     def answer(self) -> Answer:
@@ -289,12 +289,8 @@ class Plan(Answered):
 
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""
-        run, figures, full, basis = (
-            self.trajectory,
-            self.prediction.figures,
-            self.at_full_speed,
-            self.trajectory.basis.facts,
-        )
+        run, figures, full = self.trajectory, self.prediction.figures, self.at_full_speed
+        basis = run.basis.facts
         kind = f"{len(basis['knots']) - 1} {basis['kind']} segments, {run.basis.duration:.1f} s at full speed"
         slow = f"{run.duration:.1f} s at alpha {run.alpha:g} (speed x{run.alpha:g}, acceleration x{run.alpha**2:.2g})"
         lines = [("plan", f"{kind}; {slow}")]
@@ -321,7 +317,9 @@ class Plan(Answered):
         )
         lines.append(("excitation", f"condition number {condition}; weakest: {self.weakest}"))
         lines += [("gap", text) for text in self.outlook]
-        lines.append(("noise", f"{self.noise_rms:.2g} {self.unit} per sample, {self.noise_from}"))
+        lines.append(
+            ("noise", f"{self.noise_rms:.2g} {self.unit} rms per sample, {self.noise_from}")
+        )
         if run.alpha < 1:
             # So that nobody identifies from a first, slow run by mistake.
             times = self.prediction.torque_error / full.torque_error
