@@ -3,8 +3,7 @@
     python benchmarks/estimators.py [--json out/estimators.json] [--minutes 20] [--table]
 
 What is done is kept in the JSON file, and the next run goes on from there; --table only prints Markdown. For each estimator:
-parameter error |db|/|b|, BIRDy's d_beta, torque error on the fitted motion (d_tau) and on an unseen noise-free one, the
-share of true base parameters inside their 95 % intervals, seconds; errors of the physical set.
+parameter error |db|/|b|, torque error on an unseen noise-free motion, the share of true base parameters inside their 95 % intervals, seconds; errors of the physical set.
 
 Source: Leboutet et al. 2021, "Inertial parameter identification in robotics: a survey" (BIRDy): noise levels, figures.
 """
@@ -24,7 +23,7 @@ from arms import cylinder, pinocchio_model
 from dynid import BaseModel, Log, Motion, Robot, load_robot
 from dynid.estimation.estimators import choose
 from dynid.estimation.estimators import fitted as estimated
-from dynid.estimation.least_squares import ordinary, relative_error
+from dynid.estimation.least_squares import ordinary
 from dynid.estimation.possible_set import body_parameters, pseudo_inertia
 from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.rows import Rows
@@ -236,8 +235,7 @@ def one(name, regime, draw):
         seconds = made + time.perf_counter() - start
         again = partial(estimated, method=method, prior=prior)
         whole = physical_posterior(each, rows, refit=again, residual_model=False).theta
-        fitted = relative_error(rows.factors, each.theta)
-        found[method] = figures(arm, each.theta, each.covariance, fitted, seconds, whole)
+        found[method] = figures(arm, each.theta, each.covariance, seconds, whole)
     found["auto"] = found[choose(rows)[0]]
     return found
 
@@ -251,15 +249,13 @@ def butterworth(arm, log):
     observer = arm.base.model.observer(arm.base.reduction.base)
     rows = Rows.of(observer.dense(*motion), log.tau[50:-50])
     fit = ordinary(rows.factors(), rows.counts)
-    seconds, fitted = time.perf_counter() - start, relative_error(fit.factors, fit.theta)
-    return figures(arm, fit.theta, fit.covariance, fitted, seconds, fit.theta)
+    return figures(arm, fit.theta, fit.covariance, time.perf_counter() - start, fit.theta)
 
 
-def figures(arm, theta, covariance, fitted, seconds, whole):
+def figures(arm, theta, covariance, seconds, whole):
     """Return what is wrong with one estimate, as listed on top; of the physical set the error, and that on the unseen motion."""
     beta, unseen = arm.beta, command(arm, np.linspace(0, SECONDS, 500), 10_000)
     inside = np.abs(theta - beta) <= 1.96 * np.sqrt(np.diagonal(covariance))
-    d_beta = 200 * np.mean(np.abs(theta - beta) / (np.abs(beta) + np.abs(theta)))
 
     def off(one):
         of_torque = arm.torques(one - beta, unseen), arm.torques(beta, unseen)
@@ -269,7 +265,7 @@ def figures(arm, theta, covariance, fitted, seconds, whole):
         ]
 
     error, of_unseen = off(theta)
-    found = (error, d_beta, fitted, of_unseen, 100 * inside.mean(), seconds, *off(whole))
+    found = (error, of_unseen, 100 * inside.mean(), seconds, *off(whole))
     return [float(x) for x in found]
 
 
@@ -289,7 +285,7 @@ def tables(done):
             if name == arm:
                 title = f"{regime.replace('_', ' ')} ({len(some)})"
                 target = f"{TARGETS[regime]} %" if regime in TARGETS else "-"
-                physical = two(*np.mean([found["auto"][6:8] for found in some], axis=0))
+                physical = two(*np.mean([found["auto"][4:] for found in some], axis=0))
                 cells = (cell(some, method) for method in shown)
                 rows.append([title, target, *cells, physical])
                 cells = (cell(some, method, inside=True) for method in shown)
@@ -297,7 +293,7 @@ def tables(done):
                 every += some
         head = f"{arm.upper()}: parameters / unseen torque [%] | asked | OLS 50 Hz | {heads}"
         yield "\n" + study.markdown(f"{head} | physical set", rows)
-        seconds = ([found[method][5] for found in every if method in found] for method in PLAIN)
+        seconds = ([found[method][3] for found in every if method in found] for method in PLAIN)
         times.append([arm.upper(), *(f"{np.median(each or np.nan):.2f}" for each in seconds)])
     head = "inside the 95 % interval [%] | OLS 50 Hz (textbook)"
     yield "\n" + study.markdown(f"{head} | {heads}", inside)
@@ -315,7 +311,7 @@ def cell(runs, method, *, inside=False):
         return "-"
     mean = np.mean(rows, axis=0)
     few = f" ({len(rows)})" if len(rows) < len(runs) else ""
-    return (f"{mean[4]:.1f}" if inside else two(mean[0], mean[3])) + few
+    return (f"{mean[2]:.1f}" if inside else two(*mean[:2])) + few
 
 
 def main():

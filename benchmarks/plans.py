@@ -67,7 +67,7 @@ def measure(name):
     options = PlanOptions(alpha=1.0, seconds=SECONDS, processes=PROCESSES, restarts=STARTS)
     base_model(robot)
     before = processor()
-    row = {"joints": robot.n}
+    row = {}
     with tempfile.TemporaryDirectory() as folder:
         drawing = Drawing(Path(folder) / "preview.png")
         try:

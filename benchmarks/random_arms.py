@@ -151,7 +151,7 @@ class Arm:
 
 
 def judged(arm, seed, hidden):
-    """Return shares inside (set in force, plain), medians of |z|, torque errors [%] and true over expected error."""
+    """Return share inside, median of |z|, torque error [%], true over expected error, and whether a residual model is on."""
     seconds, share = MOTIONS[seed % len(MOTIONS)]
     log, other = arm.log(seed, seconds, share, hidden), arm.log(seed + 500, 20.0, 0.5, hidden)
     result = identify(arm.robot, log, holdout=None, drop_weak=True)
@@ -159,18 +159,11 @@ def judged(arm, seed, hidden):
     true = result.reduction.K @ np.array([values[name] for name in result.reduction.names])
     motion = arm.motion(np.linspace(0, 20, 400), np.random.default_rng(seed + 700), 0.5)
     torque = build_model(arm.robot).observer(result.reduction.base).torque
-    found = []
-    for theta, covariance in (
-        (result.theta, result.covariance),
-        (result.plain, result.plain_covariance),
-    ):
-        z = np.abs(theta - true) / np.sqrt(np.diag(covariance))
-        size, off = (np.linalg.norm(torque(each, *motion)) for each in (true, theta - true))
-        found.append((np.mean(z < 1.96), np.median(z), 100 * off / size))
-    (inside, median, error), (plain_inside, _, plain_error) = found
+    z = np.abs(result.theta - true) / np.sqrt(np.diag(result.covariance))
+    size, off = (np.linalg.norm(torque(each, *motion)) for each in (true, result.theta - true))
     ratio = seen.relative_error_percent / (seen.expected_percent or np.nan)
     on = result.model_error is not None
-    return inside, plain_inside, median, error, plain_error, ratio, float(on)
+    return np.mean(z < 1.96), np.median(z), 100 * off / size, ratio, float(on)
 
 
 def table(cases):
@@ -180,12 +173,12 @@ def table(cases):
         if not found:
             continue
         x = np.array(found)
-        inside, plain, median = 100 * x[:, 0].mean(), 100 * x[:, 1].mean(), np.median(x[:, 2])
-        errors = np.exp(np.log(x[:, 3:5]).mean(axis=0))
-        figures = (f"{y:.2f}" for y in (median, *errors, np.median(x[:, 5])))
-        lines.append([name, len(x), f"{inside:.0f}", f"{plain:.0f}", *figures, int(x[:, 6].sum())])
-    head = " | logs | inside [%] | plain inside [%] | median of z | torque error [%] | plain [%]"
-    return study.markdown(f"{head} | true / expected | with residual model", lines)
+        error = np.exp(np.log(x[:, 2]).mean())
+        figures = (f"{y:.2f}" for y in (np.median(x[:, 1]), error, np.median(x[:, 3])))
+        inside, on = f"{100 * x[:, 0].mean():.0f}", int(x[:, 4].sum())
+        lines.append([name, len(x), inside, *figures, on])
+    head = " | logs | inside [%] | median of z | torque error [%] | true / expected"
+    return study.markdown(f"{head} | with residual model", lines)
 
 
 def main():

@@ -115,14 +115,14 @@ def relations_of(
     groups = []
     for row, first in enumerate(base):
         order = [first, *(k for k, x in enumerate(columns) if row in x and k != first)]
+        shares = [columns[k][row] for k in order]
         groups.append(
-            tuple(_term(reduction.names[k], columns[k][row], values[k][row]) for k in order)
+            tuple(
+                Term(reduction.names[k], None if x.has(Float) else x, float(values[k][row]))
+                for k, x in zip(order, shares, strict=True)
+            )
         )
     return tuple(groups)
-
-
-def _term(name: str, share: Expr, value: float) -> Term:
-    return Term(name, None if share.has(Float) else share, float(value))
 
 
 # ---------------------------------------------------------------- composed from joint to joint

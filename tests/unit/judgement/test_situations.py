@@ -21,7 +21,7 @@ def rows():
 @pytest.mark.slow
 def test_no_two_commands_contradict_each_other_and_good_and_bad_are_right(rows):
     assert [row["contradictions"] for row in rows] == [[], [], []]
-    assert all({"identify", "validate", "gap", "report"} <= set(row["sentences"]) for row in rows)
+    assert all({"identify", "validate", "gap", "report"} <= set(row["states"]) for row in rows)
     good, right, _, wrong = calibration(rows)
     assert (good, wrong) == (right, 0)
 

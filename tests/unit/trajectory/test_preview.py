@@ -28,7 +28,7 @@ from dynid.trajectory.preview import (
     require_clear,
     window,
 )
-from dynid.trajectory.scene import Box, Scene
+from dynid.trajectory.scene import Scene
 
 pytest.importorskip("pybullet")
 
@@ -86,15 +86,6 @@ def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geom
     lowest = next(d for d in found if d.pair == "link_7 - floor")
     height = 0.3105 + (0.4 + 0.39 + 0.078) * 0.5 - 0.06 * np.sin(np.radians(60)) - 0.1
     assert lowest.distance == pytest.approx(min(height, 0.3), abs=0.005)
-
-
-@pytest.mark.slow
-def test_an_obstacle_in_the_way_is_named(lwr, measured):
-    boxes = (Box((0.2, -0.2, 0.5), (0.6, 0.2, 0.9)),)
-    into, away = (measured(lwr.robot, 0, x, 0, 0, 0, 0, 0, obstacles=boxes) for x in (-60, 60))
-    with pytest.raises(Collision, match="obstacle 1"):
-        require_clear(into)
-    require_clear(away)
 
 
 @pytest.mark.slow
