@@ -115,11 +115,11 @@ def relations_of(
     groups = []
     for row, first in enumerate(base):
         order = [first, *(k for k, x in enumerate(columns) if row in x and k != first)]
-        shares = [columns[k][row] for k in order]
+        formulas = [columns[k][row] for k in order]
         groups.append(
             tuple(
                 Term(reduction.names[k], None if x.has(Float) else x, float(values[k][row]))
-                for k, x in zip(order, shares, strict=True)
+                for k, x in zip(order, formulas, strict=True)
             )
         )
     return tuple(groups)
