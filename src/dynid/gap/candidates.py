@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
@@ -89,13 +88,15 @@ class Candidate:
     rms: Floats
     groups: int
 
-    def with_added(self, rows: EvidenceRows, added: EffectColumns) -> Candidate:
+    def with_added(self, rows: EvidenceRows, added: Sequence[EffectColumns]) -> Candidate:
         """Return the candidate with its products with further columns of T."""
+        if not added:
+            return self
         others = {}
         for j, C in self.columns.items():
             flat = C.reshape(-1, C.shape[-1])
-            more = rows.bands.products(flat, on_joint(added, j, C.shape[-1]))
-            others[j] = np.concatenate([self.others[j], more], axis=2)
+            more = np.concatenate([on_joint(one, j, C.shape[-1]) for one in added])
+            others[j] = np.concatenate([self.others[j], rows.bands.products(flat, more)], axis=2)
         return replace(self, others=others)
 
     @cached_property
@@ -140,10 +141,11 @@ def candidate(
     columns = {j: C * kept[..., None] for j, C in columns.items() if C.any()}
     own, others, power = {}, {}, np.zeros(largest.shape)
     for j, C in columns.items():
-        own[j], others[j] = rows.products(j, C, added)
+        own[j], others[j] = rows.products(j, C)
         count = max(float(rows.bands.counts(j, always=place.always).sum()), 1.0)
         power = np.maximum(power, np.einsum("bgkk->gk", own[j]) / count)
-    return Candidate(place, shapes, columns, own, others, np.sqrt(power), groups)
+    made = Candidate(place, shapes, columns, own, others, np.sqrt(power), groups)
+    return made.with_added(rows, added)
 
 
 def candidates_of(rows: EvidenceRows, place: Place) -> list[Candidate]:
@@ -248,6 +250,12 @@ class Gains:
     covariance: Floats
 
 
+def squares(columns: Floats) -> Floats:
+    """Return products of the k columns of each shape with each other, (G, k, k), of (m, G, k)."""
+    each = columns.transpose(1, 2, 0)
+    return np.asarray(each @ each.swapaxes(1, 2))
+
+
 def gains(evidence: Evidence, one: Candidate) -> Gains:
     """Return what a candidate brings beside everything in ``evidence``."""
     count, k = one.rms.shape
@@ -257,23 +265,21 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
         model = evidence.joints[j]
         products = np.tensordot(model.weights, one.others[j], 1)
         X = forward(model.root, products[:, : model.own].T)
-        Xs = X.reshape(-1, count, k)
-        U += np.tensordot(model.weights, own, 1) - np.einsum("mgk,mgl->gkl", Xs, Xs)
+        U += np.tensordot(model.weights, own, 1) - squares(X.reshape(-1, count, k))
         Q += products[:, model.own :] - X.T @ model.towards
     root, right = evidence.whole
     Z = forward(root, Q[:, 1:].T)
     q = (Q[:, 0] - Z.T @ right).reshape(count, k)
-    Z = Z.reshape(t, count, k)
-    U -= np.einsum("mgk,mgl->gkl", Z, Z)
+    U -= squares(Z.reshape(t, count, k))
     scales, there = np.array(tuning.SCALES), one.rms > 0
     size = scales[:, None, None] * there / np.where(there, one.rms, 1.0)
     square = size[..., None] * size[..., None, :]
     W = U * square + one.alike
     inverse, v = np.linalg.inv(W), q * size
-    best = np.einsum("sgkl,sgl->sgk", inverse, v)
+    best = (inverse @ v[..., None])[..., 0]
     volume = np.linalg.slogdet(W)[1] - np.linalg.slogdet(one.alike)[1]
     odds = 0.5 * np.sum(v * best, axis=2) - 0.5 * volume
-    mixed = logsumexp(odds, axis=0) - np.log(len(scales))
+    mixed = np.logaddexp.reduce(odds) - np.log(len(scales))
     possible = there.any(axis=1) & ((q[:, 0] > 0) | (not one.place.effect.positive))
     chosen = np.argmax(odds, axis=0), np.arange(count)
     return Gains(

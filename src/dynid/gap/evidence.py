@@ -15,15 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import lapack
 
 from dynid.arrays import Floats, Mask
 from dynid.gap import tuning
 from dynid.gap.bands import Bands, instants
-from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
+from dynid.gap.gap_rows import GapRows
 from dynid.gap.known_errors import SHARP, KnownErrors, error_columns
 from dynid.gap.noise import NoiseModel, RepeatPair
 from dynid.gap.rest import rest_columns
@@ -42,9 +42,15 @@ SHAPE = "shape"
 #: Steps of sizing, and of the first one, from nothing.
 STEPS, FIRST_STEPS = 8, 20
 
-#: Lower root^-1 times a right side, and root^-T.
-forward = partial(solve_triangular, lower=True, check_finite=False)
-back = partial(solve_triangular, lower=True, trans=1, check_finite=False)
+
+def forward(root: Floats, right: Floats) -> Floats:
+    """Return root^-1 times a right side, the root being lower."""
+    return np.asarray(lapack.dtrtrs(root, right, lower=1)[0])
+
+
+def back(root: Floats, right: Floats) -> Floats:
+    """Return root^-T times a right side, the root being lower."""
+    return np.asarray(lapack.dtrtrs(root, right, lower=1, trans=1)[0])
 
 
 def lower_root(matrix: Floats) -> Floats:
@@ -116,7 +122,7 @@ class JointModel:
     @cached_property
     def towards(self) -> Floats:
         """Root^-1 times products of R with [torque, T], (r, t + 1)."""
-        return np.asarray(forward(self.root, self.gram[: self.own, self.own :]))
+        return forward(self.root, self.gram[: self.own, self.own :])
 
     @cached_property
     def information(self) -> Floats:
@@ -223,7 +229,7 @@ class Evidence:
     @cached_property
     def estimate(self) -> Floats:
         """T as it is most likely, (t,)."""
-        return np.asarray(back(*self.whole))
+        return back(*self.whole)
 
     @cached_property
     def covariance(self) -> Floats:
@@ -281,7 +287,7 @@ class Evidence:
     def rest_of(self, joint: int) -> Floats:
         """Return R of a joint as it is most likely, (r,)."""
         model = self.joints[joint]
-        return np.asarray(back(model.root, model.towards @ np.append(1.0, -self.estimate)))
+        return back(model.root, model.towards @ np.append(1.0, -self.estimate))
 
     @property
     def known_errors(self) -> KnownErrors:
@@ -367,8 +373,7 @@ class Evidence:
         full = np.concatenate([w, [-1.0], self.estimate])
         spread = np.block([[own, across.T], [across, S]])
         spread = np.insert(np.insert(spread, model.own, 0.0, axis=0), model.own, 0.0, axis=1)
-        left = np.einsum("a,bac,c->b", full, model.grams, full, optimize=True)
-        left += np.einsum("ac,bac->b", spread, model.grams)
+        left = model.grams @ full @ full + np.tensordot(model.grams, spread, 2)
         more = tuning.BAND_ROWS
         powers = np.log((left + more) / (model.counts + more))
         return replace(model, log_rms=np.clip(sizes, *LOG_RMS), powers=np.maximum(powers, QUIETER))
@@ -398,18 +403,10 @@ class EvidenceRows:
         """Return the same with effects that are made of other motion, or scale with another model."""
         return replace(self, bands=replace(self.bands, rows=rows))
 
-    def products(self, joint: int, C: Floats, added: Sequence[EffectColumns] = ()) -> Products:
-        """Return products of further columns, (..., k, F), with themselves and with [R, torque, T].
-
-        Args:
-            joint: 0-based.
-            C: the columns.
-            added: columns that have been added to T, one effect after the other.
-        """
+    def products(self, joint: int, C: Floats) -> Products:
+        """Return products of further columns, (..., k, F), with themselves and with [R, torque, base]."""
         flat = C.reshape(-1, C.shape[-1])
-        more = [on_joint(one, joint, C.shape[-1]) for one in added]
-        columns = np.concatenate([self.own[joint], *more])
-        return self.bands.products(C, C), self.bands.products(flat, columns)
+        return self.bands.products(C, C), self.bands.products(flat, self.own[joint])
 
 
 def evidence_of(

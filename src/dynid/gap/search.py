@@ -177,16 +177,14 @@ class Search:
         self, rows: EvidenceRows, added: Sequence[EffectColumns]
     ) -> tuple[Candidate, ...]:
         """Return all candidates beside what is named, each made once, and again at a size that it was found to have."""
-        candidates = []
+        candidates: list[Candidate] = []
         for k, place in enumerate(self.places, start=1):
             key = place.at, place.effect.at
             if key not in self.made:
                 self.made[key] = candidates_of(rows, place)
             candidates += self.made[key]
             advance(k, len(self.places), place.effect.name)
-        for columns in added:
-            candidates = [one.with_added(rows, columns) for one in candidates]
-        return tuple(candidates)
+        return tuple(one.with_added(rows, added) for one in candidates)
 
     def run(self) -> tuple[State, SelectedEffect | None, bool]:
         """Search until nothing is sure.
@@ -200,13 +198,15 @@ class Search:
             # What always was is not told.
             if sum(not one.place.always for one in state.named) >= self.options.most:
                 break
-            best = simplest(self.looks(state), self.sure)
+            looks = self.looks(state)
+            best = simplest(looks, self.sure)
             if best is None or best.log_odds < self.sure:
                 likely = best
                 break
             if best.late:
                 return state, self._late(state, best), True
-            state = self._exchanged(self._built([*state.named, best], best.evidence))
+            taken = self._taken(best, looks)
+            state = self._exchanged(self._built([*state.named, *taken], best.evidence))
         late = next((c for c in state.candidates if c.place.effect.name == DELAY), None)
         small = None
         if late is not None:
@@ -217,6 +217,16 @@ class Search:
         """Return the names with numbers, without what was always there."""
         return [
             self._with_numbers(state, k) for k, x in enumerate(state.named) if not x.place.always
+        ]
+
+    def _taken(self, best: Look, looks: Sequence[Look]) -> list[Look]:
+        """Return the best look, and beside one that always was the best of each other joint that always was, too."""
+        taken = {best.place.joints[:1]: best}
+        for one in looks:
+            if best.place.always and one.log_odds > self.sure:
+                taken.setdefault(one.place.joints[:1], one)
+        return [
+            one for one in taken.values() if one is best or (one.place.always and one.place.joints)
         ]
 
     # ------------------------------------------------------------ looking

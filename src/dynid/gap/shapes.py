@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import softmax
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
@@ -158,7 +158,9 @@ def over_shapes(
         errors[name] = float(np.sqrt(likely @ away**2))
     amplitudes, covariance = mixed(weights, gained)
     return OverShapes(
-        log_odds=float(logsumexp(odds[:, :count]) - np.log(len(ways) * points)),
+        log_odds=float(
+            np.logaddexp.reduce(odds[:, :count], axis=None) - np.log(len(ways) * points)
+        ),
         best=best,
         scale=float(gained[way].scale[g]),
         shape=shape,
@@ -191,7 +193,7 @@ def integrated(
     """
     on_grid, steps = gains(evidence, one), one.place.effect.steps
     best = int(np.argmax(on_grid.log_odds))
-    mean = float(logsumexp(on_grid.log_odds) - np.log(len(one.shapes)))
+    mean = float(np.logaddexp.reduce(on_grid.log_odds) - np.log(len(one.shapes)))
     if not steps or on_grid.log_odds[best] < -1e8:
         return mean, one.shapes[best], float(on_grid.scale[best])
     closed = over_shapes(evidence, [rows], one.place, one.shapes[best], added)
