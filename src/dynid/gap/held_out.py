@@ -23,10 +23,8 @@ MIN_BLOCKS = 3
 #: Draws of the block bootstrap: the ends of a 95 % interval come from the ten outermost on either side.
 DRAWS = 400
 #: Parts of a signal's range that tell whether the residual follows it, and the share of its power from which it does.
-PARTS, FOLLOWED = 12, 0.1
-#: Bins in which the quantity that an effect follows is sought.
-BINS = 24
-#: By how much more of its power an effect has to follow time than anything else.
+PARTS, FOLLOWED = 24, 0.1
+#: By how much more of its power a signal has to follow time than anything else.
 TIME_LEAD = 0.1
 
 
@@ -137,100 +135,83 @@ class HeldOutEffect:
     """An effect on rows that were never fitted, of the joint that shows it most.
 
     Attributes:
-        t: times, (M,) [s].
-        residual: what is left without it, (M,) [N m or N].
-        torque: what it says, (M,) [N m or N].
-        left: what is left with it, everything fitted again, (M,) [N m or N].
+        data: what the model leaves for the effect, everything fitted together, (M,) [N m or N].
+        torque: what the effect says, (M,) [N m or N].
         against: values of the quantity that its torque follows most, (M,).
         follows: that quantity with its unit, such as ``"speed of joint_3 [rad/s]"``.
     """
 
-    t: Floats
-    residual: Floats
+    data: Floats
     torque: Floats
-    left: Floats
     against: Floats
     follows: str
 
-    @property
-    def data(self) -> Floats:
-        """What the model leaves for the effect, (M,) [N m or N].
 
-        Why not the residual without it: there the other parameters have taken up part of it.
-        """
-        return self.left + self.torque
-
-
-def held_out_effect(
-    problem: GapProblem, others: Sequence[SelectedEffect], one: SelectedEffect, joint: int
-) -> HeldOutEffect:
-    """Return what an effect says of the held-out rows of a joint, and what is left there without it.
-
-    Args:
-        problem: the rows.
-        others: effects that are fitted with the model, and with it.
-        one: the effect.
-        joint: 0-based joint whose torque is looked at.
-    """
-    rows, robot = problem.rows, problem.base.robot
-    use = rows.use[:, joint] & rows.held
-    residual = prediction(problem, others)[0][use, joint]
-    left, torques = prediction(problem, [*others, one])
-    torque = torques[-1][use, joint]
-    quantities = {"time [s]": rows.t}
-    for j in dict.fromkeys((joint, *one.joints)):
-        unit, name = "rad" if robot.joints[j].revolute else "m", robot.joints[j].name
-        quantities[f"position of {name} [{unit}]"] = rows.q[:, j]
-        quantities[f"speed of {name} [{unit}/s]"] = rows.qd[:, j]
-        quantities[f"torque of {name} [{robot.joints[j].torque_unit}]"] = rows.tau[:, j]
-    shares = {name: _follows(x[use], torque) for name, x in quantities.items()}
-    # Why: on seconds of a smooth motion every torque is also one of time.
-    shares["time [s]"] -= TIME_LEAD
-    follows = max(shares, key=lambda name: shares[name])
-    against = quantities[follows][use]
-    return HeldOutEffect(rows.t[use], residual, torque, left[use, joint], against, follows)
-
-
-def _follows(x: Floats, y: Floats) -> float:
-    """Return the share of the variance of y, (M,), that lies between bins of equal count over x, (M,)."""
-    if not len(y):
-        return 0.0
-    parts = [z for z in np.array_split(y[np.argsort(x, kind="stable")], BINS) if len(z)]
-    means = np.array([z.mean() for z in parts])
-    between = np.average((means - y.mean()) ** 2, weights=[len(z) for z in parts])
-    return float(between / max(float(y.var()), 1e-30))
+def held_out_effects(
+    problem: GapProblem, selected: Sequence[SelectedEffect]
+) -> list[HeldOutEffect]:
+    """Return what each effect with columns says of the held-out rows of its joint, beside all others."""
+    rows, curves = problem.rows, []
+    left, torques = prediction(problem, selected)
+    for one, torque in zip(with_columns(selected), torques, strict=True):
+        use = rows.use[:, one.joint] & rows.held
+        own = torque[use, one.joint]
+        follows, against, _ = _followed(problem, (one.joint, *one.joints), use, own)
+        curves.append(HeldOutEffect(left[use, one.joint] + own, own, against, follows))
+    return curves
 
 
 # ---------------------------------------------------------------- what no effect explains
 def clue(search: EffectSearch, joint: int) -> str:
     """Return what is known of a joint that no effect explains: what its residual follows, and whether it repeats."""
-    regression = with_selected(search.problem.regression(), with_columns(search.selected))
-    noise, rows = regression.noise, regression.rows
-    e, use = regression.e[joint] * noise.count[joint] ** 0.5, noise.counting(rows, joint)
-    signals = {"t": rows.t[use]}
-    for k in (joint, joint - 1, joint + 1):
-        if 0 <= k < len(regression.y):
-            signals |= {
-                f"{name}{k + 1}": getattr(rows, name)[use, k] for name in ("q", "qd", "tau")
-            }
-    block = np.flatnonzero(use) // max(1, round(rows.rate))
-    shares = {name: _followed(values, e, block) for name, values in signals.items()}
-    best = max(shares, key=lambda name: shares[name])
-    follows = f"it depends most on {best} ({100 * shares[best]:.0f} % of its power)"
-    follows = follows if shares[best] > FOLLOWED else "it depends on no single signal"
+    problem = search.problem
+    regression = with_selected(problem.regression(), with_columns(search.selected))
+    noise, names = regression.noise, problem.base.robot.joint_names
+    e, use = regression.e[joint] * noise.count[joint] ** 0.5, noise.counting(regression.rows, joint)
+    near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < len(names)]
+    best, _, share = _followed(problem, near, use, e)
+    follows = f"it depends most on the {best.partition(' [')[0]} ({100 * share:.0f} % of its power)"
+    follows = follows if share > FOLLOWED else "it depends on no single signal"
     power = max(float(np.mean(e**2)), 1e-30)
     repeats = f"{100 * max(0.0, 1 - 1 / power):.0f} % of the rest repeats with the motion; "
-    name = search.problem.base.robot.joint_names[joint]
-    return f"{name}: {repeats if noise.repeats else ''}{follows}"
+    return f"{names[joint]}: {repeats if noise.repeats else ''}{follows}"
 
 
-def _followed(signal: Floats, e: Floats, block: np.ndarray) -> float:
-    """Return the share of a residual's power that its mean over parts of a signal's range explains elsewhere."""
+def _followed(
+    problem: GapProblem, joints: Sequence[int], use: Mask, y: Floats
+) -> tuple[str, Floats, float]:
+    """Return the quantity that a signal in some rows follows most, its values there, and the share of power.
+
+    Args:
+        problem: the rows.
+        joints: whose position, speed and torque are tried, 0-based.
+        use: the rows, (M,).
+        y: the signal in them.
+    """
+    rows, quantities = problem.rows, {"time [s]": problem.rows.t}
+    for j in dict.fromkeys(joints):
+        joint = problem.base.robot.joints[j]
+        unit, name = "rad" if joint.revolute else "m", joint.name
+        quantities[f"position of {name} [{unit}]"] = rows.q[:, j]
+        quantities[f"speed of {name} [{unit}/s]"] = rows.qd[:, j]
+        quantities[f"torque of {name} [{joint.torque_unit}]"] = rows.tau[:, j]
+    block = np.flatnonzero(use) // max(1, round(rows.rate))
+    shares = {name: _explained(x[use], y, block) for name, x in quantities.items()}
+    # Why: on seconds of a smooth motion every torque is also one of time.
+    shares["time [s]"] -= TIME_LEAD
+    best = max(shares, key=lambda name: shares[name])
+    return best, quantities[best][use], shares[best]
+
+
+def _explained(signal: Floats, y: Floats, block: Ints) -> float:
+    """Return the share of a signal's power that its mean over parts of another one's range explains elsewhere."""
+    if not len(y):
+        return 0.0
     part = np.searchsorted(np.quantile(signal, np.linspace(0, 1, PARTS + 1)[1:-1]), signal)
     left = 0.0
     even = (np.unique(block, return_inverse=True)[1] // 4) % 2 == 0
     for fitted in (even, ~even):
         count = np.maximum(np.bincount(part[fitted], minlength=PARTS), 1)
-        mean = np.bincount(part[fitted], e[fitted], PARTS) / count
-        left += float(np.sum((e[~fitted] - mean[part[~fitted]]) ** 2))
-    return 1 - left / max(float(np.sum(e**2)), 1e-30)
+        mean = np.bincount(part[fitted], y[fitted], PARTS) / count
+        left += float(np.sum((y[~fitted] - mean[part[~fitted]]) ** 2))
+    return 1 - left / max(float(np.sum(y**2)), 1e-30)

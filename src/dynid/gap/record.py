@@ -13,9 +13,9 @@ from dynid.arrays import Floats
 from dynid.files.artifact import read_artifact, reading
 from dynid.gap import held_out, localisation, selected_effects
 from dynid.gap.analysis import GapAnalysis
-from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement, clue, held_out_effect
+from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement, clue, held_out_effects
 from dynid.gap.localisation import JointGap
-from dynid.gap.selected_effects import SelectedEffect, with_columns
+from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.verdict import LIKELY, explained_share, joints_text, labels, unrepeatable
 from dynid.model.effects.motion import Joints
 from dynid.npz import write_artifact
@@ -221,11 +221,6 @@ def record_of(
     simulation = (
         np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
     )
-    drawn = with_columns(verdict.named)
-    curves = (
-        held_out_effect(analysis.search.problem, [x for x in drawn if x is not one], one, one.joint)
-        for one in drawn
-    )
     return GapRecord(
         robot=robot.name,
         mode="frozen" if question == "changed" else "refit",
@@ -254,7 +249,7 @@ def record_of(
         ),
         question=question,
         asked=asked,
-        curves=tuple(curves),
+        curves=tuple(held_out_effects(analysis.search.problem, verdict.named)),
         repeats=analysis.search.problem.noise.repeats,
         more=tuple(names[j] for j in verdict.remainder),
         events=() if verdict.word.startswith("nothing") else tuple(_events(analysis, robot)),
@@ -326,7 +321,7 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]
 
 #: What of a record is stored as arrays: the fields of its held-out improvement, and of its curves.
 _IMPROVEMENT = ("before", "after", "ratio", "floor", "known")
-_CURVE = ("t", "residual", "torque", "left", "against")
+_CURVE = ("data", "torque", "against")
 
 
 def write_record(path: Path, record: GapRecord) -> None:

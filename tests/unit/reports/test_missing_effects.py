@@ -41,9 +41,7 @@ def record(gathered):
         np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3), np.zeros(n)
     )
     t = np.linspace(0, 20, 500)
-    curve = HeldOutEffect(
-        t, np.sin(t), 0.9 * np.sin(t), 0.1 * np.sin(t), np.cos(t), f"speed of {NASTY} [rad/s]"
-    )
+    curve = HeldOutEffect(np.sin(t), 0.9 * np.sin(t), np.cos(t), f"speed of {NASTY} [rad/s]")
     return GapRecord(
         robot=NASTY,
         mode="refit",
