@@ -152,14 +152,13 @@ def over_shapes(
         center, steps = mean, closer(steps, wide, spread)
     # How many of these lie within all that may be.
     points = 1.0 / abs(np.linalg.det(steps / wide[:, None])) if effect.steps else count
-    log_sum = np.logaddexp.reduce(odds[:, :count], axis=None)
     shape, errors = from_steps(effect, best, mean), {}
     for name in effect.steps:
         away = [each[name] - shape[name] for each in shapes[:count]]
         errors[name] = float(np.sqrt(likely @ np.square(away)))
     amplitudes, covariance = mixed(weights, gained)
     return OverShapes(
-        log_odds=float(log_sum - np.log(len(ways) * points)),
+        log_odds=float(np.logaddexp.reduce(odds[:, :count], None) - np.log(len(ways) * points)),
         best=best,
         scale=float(gained[way].scale[g]),
         shape=shape,
