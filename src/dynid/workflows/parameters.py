@@ -226,13 +226,13 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
     stored_key(path, base.robot)
     conditioned, header = observation_files.load(path)
     base.robot.require_joints(header["joints"], path)
+    stage("log", f"from {path}: {', '.join(log.path for log in conditioned)}")
     with reading(path):
         base = with_coulomb(base, coulomb_of(header))
         error = header["delay_std_error_s"]
         delay = None if error is None else (float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
         stack = stack_logs(with_settled_effects(conditioned, base), base)
-    stage("log", f"from {path}: {', '.join(log.path for log in stack.logs)}")
     return Observations(stack, delay, findings)
 
 
