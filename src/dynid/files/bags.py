@@ -54,6 +54,7 @@ def read_topics(
 
     Raises:
         BagTruncated: nothing of these topics is readable.
+        WrongMessageType: messages are compressed one by one.
         TooLarge: a chunk unpacks like a bomb.
     """
     collectors: dict[str, Collector] = {}

@@ -79,7 +79,6 @@ def read_log(
         BagTruncated: a damaged bag in which nothing is readable.
         LogLayout: columns are missing.
     """
-    path = Path(path)
     kind = format_of(path)
     if kind == "npz":
         log = read_npz_log(path)

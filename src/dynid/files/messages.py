@@ -14,6 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from dynid.errors import WrongMessageType
 from dynid.files import tuning
 from dynid.log import Log
 
@@ -141,11 +142,15 @@ class _Layout:
 
     Raises:
         Broken: the bytes are not a message of this type.
+        WrongMessageType: they are no plain CDR.
     """
 
     def __init__(self, raw: bytes, topic: Topic) -> None:
         if topic.cdr and raw[:2] != _CDR:
-            raise Broken("a message is not plain little-endian CDR, or is compressed by itself")
+            raise WrongMessageType(
+                f"messages of {topic.name} are compressed one by one, or not plain little-endian CDR",
+                fix="ros2 bag convert without compression_mode, or record without it",
+            )
         self._raw, self._at, self._cdr = raw, 0, topic.cdr
         self.equal = np.zeros(len(raw), dtype=bool)
         self._take(12)
