@@ -326,7 +326,11 @@ def _explained(
     unexplained, best = _unexplained(diagnosis, robot), diagnosis.best
     if not diagnosis.wrong or diagnosis.as_written.unexplained < least_gain * best.unexplained:
         return unexplained
-    what = f"{_improvement(diagnosis.as_written, best, robot)} with {in_words(best.edits, robot)}"
+    before, after = (100 * each.unexplained for each in (diagnosis.as_written, best))
+    what = (
+        f"with this robot file, {before:.0f} % of the torques beyond friction is not explained; "
+        f"it would be {after:.0f} % with {in_words(best.edits, robot)}"
+    )
     if diagnosis.tied:
         tied = " or ".join(in_words(each.edits, robot) for each in diagnosis.tied)
         what += f" (this log fits as well with {tied})"
@@ -363,19 +367,3 @@ def _unexplained(diagnosis: Diagnosis, robot: Robot) -> tuple[Finding, ...]:
         f"either sign, so these are not all of the torque; the file is checked with {good}"
     )
     return (Finding("W334", "warning", text, {"joints": names}),)
-
-
-def _improvement(as_written: Hypothesis, best: Hypothesis, robot: Robot) -> str:
-    """Return the torque error with the robot file and with the edit, of all joints or of the one that gains."""
-    before, after, whose = as_written.unexplained, best.unexplained, "the torques"
-    if before < 2 * after:
-        had, has = (
-            as_written.residual / as_written.friction_residual,
-            best.residual / best.friction_residual,
-        )
-        j = int(np.argmax(had / np.maximum(has, 1e-3)))
-        before, after, whose = had[j], has[j], f"the torque of {robot.joint_names[j]}"
-    return (
-        f"with this robot file, {100 * before:.0f} % of {whose} beyond friction is not explained; "
-        f"it would be {100 * after:.0f} %"
-    )
