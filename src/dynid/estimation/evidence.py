@@ -32,8 +32,6 @@ from dynid.runs import RunFolder
 
 #: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
 DOUBTS, ALARMS = ("W404", "W405"), ("W329",)
-#: How the text of what was held out begins where it is another motion than the fitted ones.
-ANOTHER_MOTION = "another motion: "
 
 
 def fingerprint(result: Identified) -> str:
@@ -129,16 +127,10 @@ def _held_out(result: Identified) -> tuple[Unseen, ...]:
         return ()
     pairs = zip(result.joints, result.robot.shown_gains, strict=True)
     rms = tuple(x.heldout_rms / size for x, size in pairs if x.heldout_rms is not None)
-    # What was held out is a share of each log, a motion, or one log.
-    motion = text.removeprefix(ANOTHER_MOTION)
-    if text.endswith(SAME_MOTION):
-        name = f"the {text} (held out)"
-    elif motion == text:
-        name = f"{Path(text).name} (held out)"
-    else:
-        name = f"{motion} (held out, another motion)"
+    same = text.endswith(SAME_MOTION)
+    name = f"{'the ' * same}{Path(text).name} (held out)"
     known = rms if len(rms) == len(result.joints) else ()
-    return (Unseen(name, percent, known, text.endswith(SAME_MOTION)),)
+    return (Unseen(name, percent, known, same),)
 
 
 # ---------------------------------------------------------------- beside the file
