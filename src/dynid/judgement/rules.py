@@ -112,18 +112,19 @@ def of_replay(unseen: Unseen, e: Evidence) -> str:
 def of_changes(e: Evidence) -> str:
     """Return what changed since an earlier result."""
     measure = "its uncertainty" if e.tolerance is None else f"{100 * e.tolerance:g} %"
-    than, since = (f" {word} {e.earlier}" if e.earlier else "" for word in ("than", "since"))
     if e.changes is None:
-        return f"There is nothing to compare with: this model has other parameters{than}."
+        return (
+            f"There is nothing to compare with: this model has other parameters than {e.earlier}."
+        )
     if not e.changes:
-        return f"Nothing has changed{since} by more than {measure}."
+        return f"Nothing has changed since {e.earlier} by more than {measure}."
     first, count = e.changes[0], len(e.changes) - 1
-    more = f", and {count} more{' number' if count == 1 else ''}" if count else ""
-    moved = f"Parameters differ by more than {measure}"
-    what = "The arm has changed" if e.tolerance is None else moved
-    kind = "" if first.p_value is None else "parameter "
+    more = f", and {count} more" if count else ""
+    what = (
+        "The arm has changed" if e.tolerance is None else f"Numbers differ by more than {measure}"
+    )
     went = f"{first.before:.4g} to {first.after:.4g} {first.unit}".rstrip()
-    return f"{what}{since}: {kind}{first.name} went from {went}{more}."
+    return f"{what} since {e.earlier}: {first.name} went from {went}{more}."
 
 
 # ---------------------------------------------------------------- missing effects

@@ -108,7 +108,7 @@ def _packages() -> Iterator[Check]:
 
 
 def _ros() -> Iterator[Check]:
-    """Look for ROS 1 where ``dynid record`` would find it, for a master, and for ROS 2, which nothing needs."""
+    """Look for ROS 1 where ``dynid record`` would find it, and for a master."""
     missing = missing_modules()
     lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"
     value = f"present, looked for in {', '.join(ros_folders()) or 'sys.path'}"
@@ -121,9 +121,6 @@ def _ros() -> Iterator[Check]:
     value = f"{uri} {'answers' if answers else 'does not answer'}"
     lost = "record: start rosmaster --core, or set ROS_MASTER_URI"
     yield Check("ROS master", answers, value, lost)
-    value = shutil.which("ros2") or "absent"
-    without = "its recordings are read without it (dynid explain record-ros2)"
-    yield Check("ROS 2", None, f"{value}; {without}")
 
 
 def _surroundings() -> Iterator[Check]:
