@@ -42,31 +42,24 @@ class Gains:
 
 
 def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Rows:
-    """Return the rows of a log with a load whose mass is known, or else the whole of it: the robot file's tool.
+    """Return the rows of a log with a load whose mass is known.
 
-    Their columns are those of the base parameters, of friction, which may have changed since, and of what is unknown
-    of the load; the last one is the torque of what is known.
+    Their columns are those of the base parameters, of friction, which may have changed since, and of the load's centre
+    and inertia, which are unknown; the last one is the torque of its mass.
 
     Args:
         base: model and base parameters.
         stack: the log with the load.
-        mass: mass of the load [kg]; its centre and inertia are then found with the gains. None for the tool.
+        mass: of the load [kg].
 
     Raises:
-        WrongUsage: nothing is known about the load.
+        WrongUsage: it is not given.
     """
-    K, tool = base.reduction.K[:, last_link(base)], base.robot.tool
-    if mass is not None:
-        known, unknown = K[:, 0] * mass, K[:, 1:]
-    elif tool is not None:
-        known, unknown = K @ tool.parameters(), K[:, :0]
-    else:
-        raise WrongUsage(
-            "--loaded needs the mass of the load",
-            fix="--load-mass KG, or `tool:` in the robot file",
-        )
+    if mass is None:
+        raise WrongUsage("--loaded needs the mass of the load", fix="--load-mass KG")
+    K = base.reduction.K[:, last_link(base)] * np.append(mass, np.ones(9))
     every = np.eye(len(K))
-    W = stack.rows.W @ np.column_stack([every, every[:, friction(base)], unknown, known])
+    W = stack.rows.W @ np.column_stack([every, every[:, friction(base)], K[:, 1:], K[:, 0]])
     return replace(stack.rows, W=W)
 
 

@@ -127,10 +127,8 @@ def knowing(joint=0, gain=np.nan):
     return np.where(np.arange(7) == joint, gain, np.nan)
 
 
-@pytest.mark.parametrize("mass", [None, LOAD.mass])
-def test_a_load_that_is_known_whole_or_by_its_mass_tells_them(lwr, empty, mass):
-    tool = replace(lwr, model=replace(lwr.model, robot=replace(lwr.robot, tool=LOAD)))
-    load = known_load(lwr if mass else tool, currents(lwr, 12, LOAD), mass)
+def test_a_load_that_is_known_by_its_mass_tells_them(lwr, empty):
+    load = known_load(lwr, currents(lwr, 12, LOAD), LOAD.mass)
     assert find_gains(empty, knowing(), load).gain == pytest.approx(GAINS, rel=0.03)
 
 
