@@ -15,8 +15,9 @@ from dynid.errors import CannotWrite
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[IO[bytes]]:
+def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
     """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
+    path = Path(path)
     # Why: what is renamed to a device or a pipe would replace it.
     if path.exists() and not path.is_file():
         raise CannotWrite(f"cannot write {path}: it is no regular file", where=path)

@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from dynid.exporters.interface import IdentifiedArm
 
 
-#: What is left of a link when all its mass hangs on it, up to rounding.
-NOTHING = 1e-12
-
-
 def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
     """Return the text of a URDF with the inertial blocks of the identified links replaced.
 
@@ -53,7 +49,7 @@ def _own_share(place: Attached, link: str, body: Body) -> Body:
     """Return a link's body without what hangs on it."""
     parts, total = hanging(place.urdf, link, place.names), body.parameters()
     rest = total - sum(parts.values())
-    if parts and smallest_eigenvalues(rest) <= -NOTHING and smallest_eigenvalues(total) > 0:
+    if parts and smallest_eigenvalues(rest) <= -1e-12 and smallest_eigenvalues(total) > 0:
         raise NotPhysical(
             f"what hangs on link '{link}' ({', '.join(sorted(parts))}) is heavier than the identified body",
             fix="correct or remove the <inertial> of these links in the URDF",

@@ -43,7 +43,6 @@ _UNITS = {unit.lower(): unit for units in FACTORS.values() for unit in units} | 
     "°": "deg",
     "°/s": "deg/s",
     "n m": "Nm",
-    "n*m": "Nm",
 }
 
 
@@ -54,7 +53,7 @@ def is_time(name: str) -> bool:
 
 def time_unit(name: str) -> tuple[str, str]:
     """Return the name of a time column in small letters without its unit, and the unit s, ms, us or ns; "" for none."""
-    name = name.lower().replace("\u03bc", "\u00b5")
+    name = name.lower()
     match = _TIME_UNIT.search(name)
     if not match:
         return name, ""

@@ -79,6 +79,7 @@ def read_log(
         BagTruncated: a damaged bag in which nothing is readable.
         LogLayout: columns are missing.
     """
+    path = Path(path)
     kind = format_of(path)
     if kind == "npz":
         log = read_npz_log(path)
