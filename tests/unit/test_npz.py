@@ -29,7 +29,7 @@ def test_a_file_and_a_link_to_a_file_are_replaced_once_the_new_one_is_whole(tmp_
         (tmp_path / name).write_text("old")
     (tmp_path / "link").symlink_to("b")
     for name in ("a", "link", "new"):
-        with written_whole(tmp_path / name) as stream:
+        with written_whole(str(tmp_path / name)) as stream:
             stream.write(b"new")
         assert (tmp_path / name).read_bytes() == b"new"
     with suppress(ZeroDivisionError), written_whole(tmp_path / "new") as stream:

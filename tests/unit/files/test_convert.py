@@ -24,10 +24,9 @@ def log():
     return replace(some, t=np.arange(300) * 0.005, qd=None, findings=(), extra={})
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".csv"])
-def test_a_converted_recording_has_the_same_numbers(suffix, log, tmp_path):
+def test_a_converted_recording_has_the_same_numbers(log, tmp_path):
     source = write_rosbag2(tmp_path / "bag", of_ros2(log, TOPIC))
-    found = read_log(convert(source, tmp_path / f"new{suffix}").wrote[0], robot=lwr())
+    found = read_log(convert(source, tmp_path / "new.csv").wrote[0], robot=lwr())
     assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
     assert_array_equal(found.q, log.q)
     assert_array_equal(found.tau, log.tau)
