@@ -208,6 +208,13 @@ def _share(value: Value) -> float:
     return share
 
 
+def _torque(value: Value) -> TorqueSource:
+    """Read what the torques are: a word, or a mapping."""
+    if not value.is_mapping:
+        return TorqueSource(value.choice(TORQUE_SOURCES))
+    return TorqueSource(**value.read(TORQUE))
+
+
 def _joint_map(value: Value, given: dict[str, Any]) -> JointMap:
     """Take signs and offsets out of what is given, with their defaults."""
     n = len(value.context.joints)
@@ -357,7 +364,7 @@ ROBOT: Keys = {
     "base": mapping(BASE, dict),
     "joints": lambda value: value.context.joints,
     "links": _links,
-    "torque": mapping(TORQUE, TorqueSource),
+    "torque": _torque,
     "driver": _driver,
     "simulator": lambda value: _joint_map(value, value.read(SIMULATOR)),
     "prior": A_PRIOR,
