@@ -42,7 +42,7 @@ from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.motion import motion_numbers, sampled
 
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
-UPDATABLE = ("wls", "ols")
+UPDATABLE = ("wls", "ols", "ridge")
 
 
 #: Rows that are fitted, rows that judge the fit, and what those are, for people.

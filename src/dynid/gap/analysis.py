@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.errors import PackageMissing
 from dynid.estimation.least_squares import solvable
 from dynid.estimation.payload import IdentifiedPayload
 from dynid.gap.candidates import SelectionOptions
@@ -189,13 +188,8 @@ def _replays(
     # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
     rows = first.rows.only(~first.rows.is_new) if first.rows.compared else first.rows
     kept = replace(first, rows=rows)
-    try:
-        before = simulate_held_out(first, kept.regression(nuisance=False), [])
-        after = (
-            simulate_held_out(problem, fitted_with(problem, shown), shown) if effects else before
-        )
-    except PackageMissing:
-        return None
+    before = simulate_held_out(first, kept.regression(nuisance=False), [])
+    after = simulate_held_out(problem, fitted_with(problem, shown), shown) if effects else before
     return None if before is None or after is None else (before, after)
 
 

@@ -1,4 +1,4 @@
-"""The gap in the forward simulation: held-out torques replayed through the model, before and after.
+"""The gap in the forward simulation: held-out torques replayed through the model in short windows, before and after.
 
 What is simulated is the physically possible arm next to the fitted base parameters, as it would be exported: small
 errors of light links would otherwise make mass matrices that no arm has.
@@ -21,13 +21,15 @@ from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion
-from dynid.sim.replay import replay
 
 #: Smallest inertia that an arm must have in all directions to be replayed [kg m^2]; below, small errors of torque
 #: become hundreds of rad/s^2.
 LEAST_INERTIA = 2e-3
 #: States along the motion at which that is checked.
 CHECKED = 200
+#: Windows of a replay, and how long each is [s]: long enough for an effect to move the arm, short enough that errors
+#: stay in the linear range.
+WINDOWS, WINDOW_S = 24, 0.5
 
 
 def simulate_held_out(
@@ -68,13 +70,31 @@ def simulate_held_out(
     if least_inertia(reference, segment.q[some]) < LEAST_INERTIA:
         return None
 
-    def acceleration(t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
-        bias, M = _dynamics(reference, q, qd)
-        return np.asarray(np.linalg.solve(M, (tau - bias)[..., None])[..., 0])
+    return replay(reference, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
 
-    return replay(
-        base.robot, acceleration, segment.elapsed[part], segment.q[part], segment.qd[part], tau
-    )
+
+def replay(reference: ReferenceTorques, t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
+    """Integrate a model under measured torques from many places; return the rms position errors, (n,) [rad or m].
+
+    Args:
+        reference: the model.
+        t: times, evenly spaced, (N,) [s].
+        q: measured positions, (N, n).
+        qd: measured velocities, (N, n).
+        tau: measured torques, (N, n).
+    """
+    dt = float(t[1] - t[0])
+    length = max(2, round(WINDOW_S / dt))
+    count = max(1, min(WINDOWS, (len(t) - 1) // length))
+    starts = np.linspace(0, len(t) - length - 1, count).astype(int)
+    x, v, errors = q[starts].copy(), qd[starts].copy(), np.zeros((count, q.shape[1]))
+    for at in (starts + k for k in range(length)):
+        bias, M = _dynamics(reference, x, v)
+        torque = 0.5 * (tau[at] + tau[at + 1]) - bias
+        v += dt * np.linalg.solve(M, torque[..., None])[..., 0]
+        x += dt * v
+        errors += (x - q[at + 1]) ** 2
+    return np.asarray(np.sqrt(np.mean(errors / length, axis=0)))
 
 
 def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floats:

@@ -117,8 +117,6 @@ def held_out_improvement(
 def _ratio(before: Floats, after: Floats, block: Ints, seed: int) -> Floats:
     """Return the 95 % interval of the ratio of rms values, (2,), of blocks of time; all (M,)."""
     use = np.isfinite(before)
-    if len(before) != len(after) or not np.array_equal(use, np.isfinite(after)):
-        return np.array([0.0, np.inf])
     names, block = np.unique(block[use], return_inverse=True)
     if len(names) < MIN_BLOCKS:
         return np.array([0.0, np.inf])

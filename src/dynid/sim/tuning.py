@@ -9,9 +9,6 @@ CONTROLLER_FREQUENCY_HZ = 15.0
 LONGEST_STEP_S = 1e-3
 #: A late simulation lets other threads read commands after so many steps, for so long [s]. evidence: none yet.
 STEPS_AT_ONCE, LATE_PAUSE_S = 10, 5e-4
-#: Window of a replay [s]: long enough for an effect to move the arm, short enough that errors stay in the linear range.
-#: evidence: none yet.
-REPLAY_WINDOW_S = 0.5
 
 # ---------------------------------------------------------------- controllers and drivers, as their sources have them
 #: Kinova's firmware takes one command each so many seconds from a queue of so many.

@@ -79,6 +79,7 @@ METHOD_TEXT = {
     "ols": "ordinary least squares",
     "irls": "weighted least squares that gives spikes little weight (Huber)",
     "iv": "instrumental variables from the commanded motion",
+    "ridge": "weighted least squares pulled towards the prior",
 }
 #: Share of each log that is held out where all logs are of one motion.
 AUTO_SHARE = 0.2

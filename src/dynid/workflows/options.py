@@ -27,7 +27,7 @@ from dynid.text import closest, whole_number
 
 #: Columns that each joint may have beyond its link's ten parameters.
 EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
-METHODS = ("auto", "wls", "ols", "irls", "iv")
+METHODS = ("auto", "wls", "ols", "irls", "iv", "ridge")
 #: The questions of a gap search, and the names that two of them had before.
 QUESTIONS = ("numbers", "arm", "changed")
 MODES = {"refit": "numbers", "frozen": "changed"}

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import models
 from dynid.errors import LogTooShort, RankDeficient
 from dynid.estimation.covariance import hac_covariance, judge, long_run_variance, widened
-from dynid.estimation.estimators import has_spikes, huber, instrumental
+from dynid.estimation.estimators import has_spikes, huber, instrumental, near_prior
 from dynid.estimation.least_squares import condition_number, merge, ordinary, solve, weighted
 from dynid.estimation.rows import Rows
+from dynid.model.base_model import prior_base_parameters
 from dynid.signals.filters import lowpass_kernel
 
 FIVE = np.array([3.0, -1.0, 0.5, 2.0, 0.01])
@@ -53,6 +55,18 @@ def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
     assert np.allclose(fit.theta, np.linalg.lstsq(X, y, rcond=None)[0], rtol=1e-9)
     assert np.allclose(fit.covariance, np.linalg.inv(X.T @ X), rtol=1e-9)
     assert np.allclose(plain(white(noise=np.zeros(3))).theta, FIVE, rtol=1e-10)
+
+
+def test_ridge_follows_rows_that_are_sure_and_the_prior_where_they_are_not():
+    base = models.two_links()
+    prior = prior_base_parameters(base.model, base.reduction)
+    W = np.random.default_rng(0).standard_normal((200, 2, base.rank))
+    truth = 1.5 * np.nan_to_num(prior) + 0.2
+    rows = Rows.of(W, W @ truth + 1e-4 * np.random.default_rng(1).standard_normal((200, 2)))
+    sure, unsure = plain(rows), replace(plain(rows), noise=np.full(2, 1e9))
+    assert near_prior(sure, base).theta == pytest.approx(truth, abs=1e-4)
+    known = np.isfinite(prior)
+    assert near_prior(unsure, base).theta[known] == pytest.approx(prior[known], abs=1e-6)
 
 
 @pytest.mark.slow
