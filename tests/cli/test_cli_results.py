@@ -166,7 +166,7 @@ def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(
     assert [job["outcome"] for job in first] == ["passed", "beyond a limit", "failed"]
     good, moved, missing = (job["message"] for job in first)
     assert good == ""
-    said = r"limit +scaled: lwr_2_joint rms_nm \S+ -> \S+ \(\+\d+\.\d\d %\) and \d+ more"
+    said = r"limit +jobs/scaled: lwr_2_joint rms_nm \S+ -> \S+ \(\+\d+\.\d\d %\) and \d+ more"
     assert re.fullmatch(said, moved)
     assert missing.startswith("error[E301] no such file nowhere.bag")
     root = ET.parse(scaled.folder / "batch.xml").getroot()

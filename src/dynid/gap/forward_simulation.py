@@ -43,7 +43,7 @@ def simulate_held_out(
         selected: these effects.
 
     Returns:
-        The errors; None when little is held out, or when the arm is too light somewhere to be replayed.
+        The errors; None when little is held out, or when the arm is too light somewhere to be replayed, or too stiff.
     """
     rows, bare = problem.rows, problem.base
     # Of equally long ones, the last.
@@ -73,8 +73,12 @@ def simulate_held_out(
     return replay(reference, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
 
 
-def replay(reference: ReferenceTorques, t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
+def replay(
+    reference: ReferenceTorques, t: Floats, q: Floats, qd: Floats, tau: Floats
+) -> Floats | None:
     """Integrate a model under measured torques from many places; return the rms position errors, (n,) [rad or m].
+
+    None where it flies off by more than the motion is wide, as one that is stiffer than the samples are close does.
 
     Args:
         reference: the model.
@@ -88,12 +92,16 @@ def replay(reference: ReferenceTorques, t: Floats, q: Floats, qd: Floats, tau: F
     count = max(1, min(WINDOWS, (len(t) - 1) // length))
     starts = np.linspace(0, len(t) - length - 1, count).astype(int)
     x, v, errors = q[starts].copy(), qd[starts].copy(), np.zeros((count, q.shape[1]))
+    widest = np.ptp(q, axis=0).max()
     for at in (starts + k for k in range(length)):
         bias, M = _dynamics(reference, x, v)
         torque = 0.5 * (tau[at] + tau[at + 1]) - bias
         v += dt * np.linalg.solve(M, torque[..., None])[..., 0]
         x += dt * v
-        errors += (x - q[at + 1]) ** 2
+        off = x - q[at + 1]
+        if not np.abs(off).max() < widest:
+            return None
+        errors += off**2
     return np.asarray(np.sqrt(np.mean(errors / length, axis=0)))
 
 

@@ -150,7 +150,7 @@ def commands_of(job: Job, folder: Path) -> list[list[str]]:
         words += [flag] if value == "true" else [] if value == "false" else [flag, value]
     for limit in job.fail_if:
         words += ["--fail-if", limit]
-    result = str(RunFolder(folder).parameters)
+    result = str(folder)
     limits = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
     commands = [["identify", *words, "--", job.robot, *map(str, job.logs)]]
     commands += [["validate", "--no-plot", *limits, "--", result, str(x)] for x in job.validate]
