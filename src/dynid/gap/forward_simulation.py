@@ -88,7 +88,7 @@ def replay(
         tau: measured torques, (N, n).
     """
     dt = float(t[1] - t[0])
-    length = max(2, round(WINDOW_S / dt))
+    length = round(WINDOW_S / dt)
     count = max(1, min(WINDOWS, (len(t) - 1) // length))
     starts = np.linspace(0, len(t) - length - 1, count).astype(int)
     x, v, errors = q[starts].copy(), qd[starts].copy(), np.zeros((count, q.shape[1]))
@@ -102,7 +102,7 @@ def replay(
         if not np.abs(off).max() < widest:
             return None
         errors += off**2
-    return np.asarray(np.sqrt(np.mean(errors / length, axis=0)))
+    return np.asarray(np.sqrt(errors.mean(axis=0) / length))
 
 
 def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floats:

@@ -72,8 +72,7 @@ def localise_residual(regression: Regression) -> list[JointGap]:
     for j, (e, gram) in enumerate(zip(regression.e, regression.gram, strict=True)):
         # Mean square, freedom taken off.
         freedom = len(e) - float(np.sum((gram[:-1, :-1] @ root) * root))
-        known = len(e) > 50 and freedom > 20
-        chi.append(float(noise.count[j] * (e @ e) / freedom) if known else 1.0)
+        chi.append(float(noise.count[j] * (e @ e) / freedom) if freedom > 20 else 1.0)
         energy.append(max(0.0, chi[j] - 1.0) * len(e) * noise.sigma[j] ** 2)
     shares = np.array(energy) / (sum(energy) or 1.0)
     gaps = []

@@ -253,7 +253,7 @@ class Search:
         top = max((one.log_odds for one in looks), default=0.0)
         exact = []
         for one in looks:
-            if one.log_odds > max(top - BEHIND, 0.0):
+            if one.log_odds > top - BEHIND:
                 gain, shape, scale = integrated(
                     one.evidence, state.rows, one.candidate, state.added
                 )

@@ -215,14 +215,12 @@ def reasons(e: Evidence, sentence: str) -> Iterator[str]:
     elif e.asked != "change" and (tested := e.worst_elsewhere):
         yield from _replay_reasons(tested, e, sentence)
     if e.asked in ("result", "replay") and not e.alarms:
-        for joint in e.joints:
-            percent, error = joint.percent or 0.0, joint.fitted or 0.0
-            if percent > tuning.FIT[1] and joint_state(joint) == "fair":
-                share = 100 * error / (joint.limit or 1.0)
-                yield (
-                    f"{joint.joint} carries little torque here: rms error {error:.2g} of {joint.torque:.2g} "
-                    f"{joint.unit} ({shown(percent)} %), {share:.1g} % of the rated torque."
-                )
+        weak = [
+            x for x in e.joints if (x.percent or 0.0) > tuning.FIT[1] and joint_state(x) == "fair"
+        ]
+        errors = (f"{x.fitted:.2g} of {x.torque:.2g} {x.unit} on {x.joint}" for x in weak)
+        if weak:
+            yield f"Joints with little torque here: rms error {', '.join(errors)}; small beside their rating."
 
 
 def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]:

@@ -222,7 +222,7 @@ def test_a_wrist_that_misses_much_of_a_small_torque_does_not_make_the_arm_useles
     assert judged.light("fit").state == "fair"
     assert not judged.sentence.startswith("Do not use")
     assert judged.reasons == (
-        "wrist carries little torque here: rms error 0.14 of 0.6 N m (23 %), 0.4 % of the rated torque.",
+        "Joints with little torque here: rms error 0.14 of 0.6 N m on wrist; small beside their rating.",
     )
     wrong = judge(Evidence(joints=(shoulder, replace(wrist, fitted=1.2)), fitted=2.6))
     assert wrong.light("fit").state == "bad"
