@@ -39,6 +39,8 @@ Keys = dict[str, Reader]
 SNAP_STEP = math.pi / 12
 #: Least size of what has to be there, in whatever unit: it is divided by, and its powers are.
 LEAST = 1e-12
+#: Names go into file names, of which systems keep 255 characters.
+LONGEST_NAME = 100
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free", "unknown")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 TEXT, NUMBER = Value.text, Value.number
@@ -208,6 +210,14 @@ def _share(value: Value) -> float:
     return share
 
 
+def _name(value: Value) -> str:
+    """Return a name that a page can show, a file can have and a simulator can hold."""
+    name = value.text()
+    if not (name.isprintable() and 1 <= len(name) <= LONGEST_NAME):
+        raise value.wrong(f" = {name[:20]!r} must be 1 to {LONGEST_NAME} printable characters")
+    return name
+
+
 def _torque(value: Value) -> TorqueSource:
     """Read what the torques are: a word, or a mapping."""
     if not value.is_mapping:
@@ -295,7 +305,7 @@ LIMITS: Keys = {
     "torque": or_null(positive(NUMBER)),
 }
 JOINT: Keys = {
-    "name": TEXT,
+    "name": _name,
     "type": choice("revolute", "prismatic"),
     "a": NUMBER,
     "twist": _dh_angle,
@@ -356,7 +366,7 @@ KNOWN: Keys = {
 A_PRIOR = mapping(PRIOR, Prior, either=("cylinders", "links"))
 #: Why the joints are read separately: all other keys depend on their number and on which of them are revolute.
 ROBOT: Keys = {
-    "name": TEXT,
+    "name": _name,
     "convention": choice("standard", "modified"),
     "angle_unit": choice(*ANGLE),
     "gravity": VECTOR,

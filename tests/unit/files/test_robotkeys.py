@@ -73,6 +73,13 @@ def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_
     )
 
 
+@pytest.mark.parametrize("name", ["''", '"a\\0b"', '"\\ud800"', '"a\\nb"', 101 * "x"])
+def test_a_name_that_no_page_or_simulator_can_hold_is_refused(name):
+    for text in (LEAST.replace("one", name), LEAST.replace("arm", name)):
+        with pytest.raises(WrongRobotFile, match="printable"):
+            parse_robot(text, Path("arm.yaml"))
+
+
 @pytest.mark.parametrize(
     ("text", "error", "says"),
     [
@@ -124,6 +131,7 @@ def test_plain_angles_are_in_the_unit_of_the_file_and_only_those_of_turning_join
 
 
 def test_one_value_may_stand_for_all_joints_where_the_reference_says_so():
+    assert read("torque: gravity_free\n").torque.source == "gravity_free"
     robot = read("torque: {source: motor_current, gain: 2}\n")
     assert robot.torque.gain == (2.0, 2.0)
 
