@@ -128,6 +128,7 @@ class Suspicion:
             those that fit best jointly with it.
         link: number of the link that it changes most.
         masses: of that link without and with the counterbalance [kg].
+        weight: of the whole arm without it, over the square of its reach [kg/m^2].
         moved: how far that link's centre of mass lies elsewhere without it [m].
         length: of that link [m].
         offsets: torque offsets of the joint without and with it, and its Coulomb friction [N m].
@@ -141,6 +142,7 @@ class Suspicion:
     gains: tuple[float, ...]
     link: int
     masses: tuple[float, float]
+    weight: float
     moved: float
     length: float
     offsets: tuple[float, float, float]
@@ -181,7 +183,7 @@ class Suspicion:
     @property
     def odd(self) -> bool:
         """Whether no arm is like that, whatever its links weigh."""
-        return self.moved > self.length or self._odd_offset
+        return self.moved > self.length or self._odd_offset or self.weight > tuning.HEAVIEST
 
     @property
     def _odd_offset(self) -> bool:
@@ -298,6 +300,7 @@ def _described(without: Links, with_it: Links, joint: int, gain: tuple[float, ..
         gains=gain,
         link=number,
         masses=(float(masses[0][k]), float(masses[1][k])),
+        weight=float(masses[0].sum() / sum(np.hypot(each.a, each.d) for each in arm.joints) ** 2),
         moved=float(np.linalg.norm(centres[0][k] - centres[1][k])),
         length=float(np.linalg.norm(ends[1] - ends[0])),
         offsets=(offset, usual, named[1].get(f"fc{joint + 1}", 0.0)),

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import lapack
@@ -43,14 +43,13 @@ SHAPE = "shape"
 STEPS, FIRST_STEPS = 8, 20
 
 
-def forward(root: Floats, right: Floats) -> Floats:
-    """Return root^-1 times a right side, the root being lower."""
-    return np.asarray(lapack.dtrtrs(root, right, lower=1)[0])
+def forward(root: Floats, right: Floats, trans: int = 0) -> Floats:
+    """Return root^-1 times a right side, the root being lower; of a transposed root where ``trans`` is 1."""
+    return np.asarray(lapack.dtrtrs(root, right, lower=1, trans=trans)[0])
 
 
-def back(root: Floats, right: Floats) -> Floats:
-    """Return root^-T times a right side, the root being lower."""
-    return np.asarray(lapack.dtrtrs(root, right, lower=1, trans=1)[0])
+#: The same with root^-T.
+back = partial(forward, trans=1)
 
 
 def lower_root(matrix: Floats) -> Floats:

@@ -205,8 +205,8 @@ class Search:
                 break
             if best.late:
                 return state, self._late(state, best), True
-            taken = self._taken(best, looks)
-            state = self._exchanged(self._built([*state.named, *taken], best.evidence))
+            named = [*state.named, *self._taken(best, looks)]
+            state = self._exchanged(self._built(named, best.evidence))
         late = next((c for c in state.candidates if c.place.effect.name == DELAY), None)
         small = None
         if late is not None:

@@ -63,9 +63,9 @@ INSTEAD = 0.5
 LIKELY = 0.5
 #: Log odds against a counterbalance on an axis: one of twenty has one. evidence: none, a round number.
 COUNTERBALANCE_RARE = 3.0
-#: Spread of the logarithm of an arm's mass for its reach. evidence: data sheets [kg/m^2]: Kinova Gen2 3, UR10e 16,
-#: iiwa 14 19, TX40 45, KR 210 75.
-MASS_SPREAD = 1.1
+#: Spread of the logarithm of an arm's mass for its reach, and the heaviest [kg/m^2]. evidence: data sheets: Kinova Gen2
+#: 3, UR10e 16, iiwa 14 19, TX40 45, KR 210 75.
+MASS_SPREAD, HEAVIEST = 1.1, 75.0
 #: A link, or a torque offset, is odd that would be so many times as large without a counterbalance.
 #: evidence: benchmarks/gap_stranger.md, seeds 103 and 104: none of the 24 clean arms is odd.
 ODD_TIMES = 2.0
