@@ -11,7 +11,7 @@ Source: Leboutet et al. 2021, "Inertial parameter identification in robotics: a 
 import argparse
 import time
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,6 @@ from dynid.estimation.possible_set import body_parameters, pseudo_inertia
 from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.rows import Rows
 from dynid.estimation.stack import stack_logs
-from dynid.model.base_model import prior_base_parameters
 from dynid.model.parameters import body_of, columns_of
 from dynid.model.regressor import prior_vector
 from dynid.robot import Joint, Limits, Prior
@@ -227,14 +226,12 @@ def one(name, regime, draw):
     segments = condition(despiked(log, chosen.cutoff)[0], chosen, coulomb=arm.robot.coulomb_shape)
     rows = stack_logs([ConditionedLog(segments, chosen, "log")], arm.base)
     made = time.perf_counter() - start
-    prior = prior_base_parameters(arm.base.model, arm.base.reduction)
     found = {"OLS 50 Hz": butterworth(arm, log)}
     for method in PLAIN:
         start = time.perf_counter()
-        each = estimated(replace(rows), method, prior)
+        each = estimated(replace(rows), method)
         seconds = made + time.perf_counter() - start
-        again = partial(estimated, method=method, prior=prior)
-        whole = physical_posterior(each, rows, refit=again, residual_model=False).theta
+        whole = physical_posterior(each, rows, residual_model=False).theta
         found[method] = figures(arm, each.theta, each.covariance, seconds, whole)
     found["auto"] = found[choose(rows)[0]]
     return found

@@ -154,17 +154,12 @@ def estimate(
         _require_followed(stack, plain)
     physical = method == "auto" if feasible is None else feasible
 
-    def refit(part: Stack) -> Fit:
-        # Why also where one was asked for: joints that are left out leave parameters open.
-        chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
-        return fitted(part, chosen)
-
     def in_force(post: Posterior, fit: Fit) -> Posterior:
         none = post.changes[:, :0]
         own = replace(post, theta=fit.theta, covariance=fit.covariance, error=None, changes=none)
         return post if physical else own
 
-    post = physical_posterior(plain, stack, refit=refit, residual_model=residual_model, size=size)
+    post = physical_posterior(plain, stack, residual_model=residual_model, size=size)
     used = in_force(post, plain)
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, plain.covariance, post.theta)
@@ -176,9 +171,7 @@ def estimate(
         train, test, _ = holdout
         fit, error = fitted(train, name), used.error
         if physical:
-            again = physical_posterior(
-                fit, train, refit=refit, residual_model=error is not None, like=error
-            )
+            again = physical_posterior(fit, train, residual_model=error is not None, like=error)
             held_rms, held_percent = _errors(test, again.theta, again.error)
         else:
             held_rms, held_percent = _errors(test, fit.theta, None)

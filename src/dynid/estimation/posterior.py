@@ -8,16 +8,14 @@ docs/explanation/estimators.md for what was tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.identified import ExpectedError, Identified
-from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root, weighted
+from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root
 from dynid.estimation.possible_arm import PhysicalParameters, constraints_of, with_honest_errors
 from dynid.estimation.prior import exciting_states, prior_covariance
 from dynid.estimation.recordings import Parts
@@ -37,8 +35,6 @@ from dynid.robot import Known
 
 #: Errors of noise-free torques, which are rounding [%].
 NOISE_FREE = 1e-6
-#: Makes an estimate of a stack, as that of all rows was made.
-Refit: TypeAlias = Callable[[Stack], Fit]
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,6 @@ def physical_posterior(
     estimate: Fit,
     stack: Stack,
     *,
-    refit: Refit,
     residual_model: bool | None,
     like: ModelError | None = None,
     size: Floats | None = None,
@@ -76,7 +71,6 @@ def physical_posterior(
     Args:
         estimate: base parameters from the data.
         stack: the rows that it was made from.
-        refit: makes such an estimate of the rows of some joints, where the others contradict these.
         residual_model: look for model error or not; None where the evidence wants it.
         like: model error whose sizes and free joints are taken; nothing is asked about the errors then.
         size: sizes of the groups of columns where they are known already.
@@ -95,9 +89,7 @@ def physical_posterior(
                 rows = rows.freed(joint)
         elif contradicts(*(relative_error(stack.factors, x) for x in (alone, estimate.theta))):
             rows, large = _with_large_torques(base, rows, arm)
-        rows, size, arm_of_all, estimate = _with_joints_apart(
-            stack, rows, arm, size, like, estimate, refit
-        )
+        rows, size, arm_of_all = _with_joints_apart(base, rows, arm, size, like)
         released = rows.apart.any() or rows.free.any()
         with_it, without = (log_evidence(rows, arm_of_all, x)[0] for x in (size, NONE))
         gain = with_it - without
@@ -121,32 +113,27 @@ def physical_posterior(
 
 
 def _with_joints_apart(
-    stack: Stack,
+    base: BaseModel,
     rows: JointRows,
     arm: Arm,
     sizes_known: Floats | None,
     like: ModelError | None,
-    estimate: Fit,
-    refit: Refit,
-) -> tuple[JointRows, Floats, Arm, Fit]:
+) -> tuple[JointRows, Floats, Arm]:
     """Find the sizes of the groups of columns, and the joints whose torques contradict those of the others.
 
     The columns come first: where friction or a cable is what a joint has beyond the model, it contradicts nobody.
 
     Args:
-        stack: the stacked logs.
+        base: model and base parameters.
         rows: rows of all joints.
         arm: the arm that they ask for.
         sizes_known: those that are known already, None to find them.
         like: model error whose joints apart are taken.
-        estimate: of all joints.
-        refit: makes such an estimate of some joints.
 
     Returns:
-        The rows, the sizes, the arm that the other joints ask for, and their estimate.
+        The rows, the sizes, and the arm that the other joints ask for.
     """
     # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
-    base = stack.base
     free = replace(base, model=replace(base.model, robot=replace(base.robot, known=Known())))
     if rows.free.any() or free.robot != base.robot:
         arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
@@ -161,25 +148,7 @@ def _with_joints_apart(
             break
         rows = replace(rows, apart=apart)
         arm = Arm.of(free, rows.of_arm(size).rows, arm)
-    if not rows.apart.any():
-        return rows, size, arm, estimate
-    # The rows are made anew from an estimate of the other joints: beside those that contradict them these look noisy,
-    # coloured and full of spikes, and what is no spike of theirs gets the weight of one.
-    set_apart, factors, counts = np.flatnonzero(rows.apart), stack.factors, stack.counts
-    estimate = refit(stack.without(set_apart))
-    noise = estimate.noise.copy()
-    for j in set_apart:
-        noise[j] = weighted(factors[[j]], counts[[j]]).noise[0]
-    estimate = replace(estimate, noise=noise)
-    # Why not sought near the arm of all joints: what these asked for together may have driven a kind of parameter to
-    # zero, from where no pooled size leads back.
-    arm, freed = Arm.of_estimate(free, estimate), np.flatnonzero(rows.free.any(axis=1))
-    rows = JointRows.of(stack, estimate, arm.theta, rows.apart)
-    for joint in freed.tolist():
-        rows = rows.freed(joint)
-    rows = replace(rows, apart=joints_apart(rows, arm, sized(), known=True)[0])
-    arm = Arm.of(free, rows.of_arm(sized()).rows, arm)
-    return rows, sized(), arm, estimate
+    return rows, size, arm
 
 
 def contradicts(misfit: float, best: float) -> bool:

@@ -577,9 +577,7 @@ def best_size(rows: JointRows, arm: Arm) -> Floats:
     return np.asarray(np.exp(logs))
 
 
-def joints_apart(
-    rows: JointRows, arm: Arm, size: Floats, *, known: bool = False
-) -> tuple[Floats, float]:
+def joints_apart(rows: JointRows, arm: Arm, size: Floats) -> tuple[Floats, float]:
     """Return the lambda of each joint, 0 of those that agree with the others, (n,), and what the log evidence gains.
 
     One joint after the other is let apart, taken back or given another size, whatever makes the data most likely. What
@@ -590,7 +588,6 @@ def joints_apart(
         rows: rows of all joints.
         arm: prior of the parameters.
         size: lambda of each group of columns, (groups,).
-        known: whether it is known which joints are apart, and only their sizes are asked for.
     """
     sizes = np.append(0.0, tuning.APART_SIZES)
     released = [
@@ -614,7 +611,7 @@ def joints_apart(
     while True:
         others = [
             np.where(joints == j, k, place)
-            for j in (np.flatnonzero(before) if known else joints)
+            for j in joints
             for k in range(int(before[j]), len(sizes))
         ]
         worths = [worth(other) for other in others]

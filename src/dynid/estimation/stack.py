@@ -108,12 +108,6 @@ class Stack:
         """Return some of the rows, (M,), as a stack of their own."""
         return self if chosen.all() else replace(self, rows=self.rows.take(chosen))
 
-    def without(self, joints: NDArray[np.intp]) -> Stack:
-        """Return the stack as if some joints, by number, had no torques."""
-        use = self.rows.use.copy()
-        use[:, joints] = False
-        return replace(self, rows=replace(self.rows, use=use))
-
     @property
     def instrumented(self) -> Rows:
         """The rows with the regressor on the commanded motion as instruments."""

@@ -50,7 +50,7 @@ def fitted(base):
 
 
 def posterior(stack, estimate):
-    return physical_posterior(estimate, stack, refit=again, residual_model=None)
+    return physical_posterior(estimate, stack, residual_model=None)
 
 
 def all_unknowns(rows, size, released=None):

@@ -73,7 +73,7 @@ def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_
     )
 
 
-@pytest.mark.parametrize("name", ["''", '"a\\0b"', '"\\ud800"', '"a\\nb"', 101 * "x"])
+@pytest.mark.parametrize("name", ["''", '"a\\0b"', '"\\ud800"', 101 * "x"])
 def test_a_name_that_no_page_or_simulator_can_hold_is_refused(name):
     for text in (LEAST.replace("one", name), LEAST.replace("arm", name)):
         with pytest.raises(WrongRobotFile, match="printable"):
