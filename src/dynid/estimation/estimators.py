@@ -129,7 +129,8 @@ def near_prior(fit: Fit, base: BaseModel) -> Fit:
     """Return a weighted fit pulled towards the prior: the weighted pseudo-inverse with prior data."""
     prior = prior_base_parameters(base.model, base.reduction)
     known = np.nan_to_num(prior)
-    spread = RIDGE_SPREAD * np.maximum(np.abs(known), RIDGE_LEAST * np.abs(known).max())
+    size = np.abs(known)
+    spread = RIDGE_SPREAD * np.maximum(size, RIDGE_LEAST * size.max())
     rows = np.column_stack([np.eye(len(known)), known]) / spread[:, None]
     pulled = triangle(np.vstack([fit.whitened, rows[np.isfinite(prior)]]))
     return replace(fit, method="ridge", theta=solve(pulled).theta)

@@ -137,12 +137,8 @@ def _with_joints_apart(
     free = replace(base, model=replace(base.model, robot=replace(base.robot, known=Known())))
     if rows.free.any() or free.robot != base.robot:
         arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
-
-    def sized() -> Floats:
-        return best_size(rows, arm) if sizes_known is None else sizes_known
-
     for _ in range(tuning.APART_ROUNDS):
-        size = sized()
+        size = best_size(rows, arm) if sizes_known is None else sizes_known
         apart = joints_apart(rows, arm, size)[0] if like is None else like.apart
         if np.array_equal(apart, rows.apart):
             break

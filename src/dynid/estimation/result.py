@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dynid.answer import Answer, Judged, judged, picked
 from dynid.estimation import result_files
@@ -16,9 +16,6 @@ from dynid.estimation.evidence import evidence_of
 from dynid.estimation.identified import USED, Identified
 from dynid.judgement.evidence import Evidence
 from dynid.table import Table
-
-if TYPE_CHECKING:
-    pass
 
 
 class Identification(Identified, Judged):

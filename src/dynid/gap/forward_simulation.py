@@ -87,11 +87,11 @@ def replay(
         qd: measured velocities, (N, n).
         tau: measured torques, (N, n).
     """
-    dt = float(t[1] - t[0])
+    dt = t[1] - t[0]
     length = round(WINDOW_S / dt)
     count = max(1, min(WINDOWS, (len(t) - 1) // length))
     starts = np.linspace(0, len(t) - length - 1, count).astype(int)
-    x, v, errors = q[starts].copy(), qd[starts].copy(), np.zeros((count, q.shape[1]))
+    x, v, errors = q[starts], qd[starts], np.zeros((count, q.shape[1]))
     widest = np.ptp(q, axis=0).max()
     for at in (starts + k for k in range(length)):
         bias, M = _dynamics(reference, x, v)

@@ -155,7 +155,11 @@ def held_out_effects(
         use = rows.use[:, one.joint] & rows.held
         own = torque[use, one.joint]
         follows, against, _ = _followed(problem, (one.joint, *one.joints), use, own)
-        curves.append(HeldOutEffect(left[use, one.joint] + own, own, against, follows))
+        curves.append(
+            HeldOutEffect(
+                data=left[use, one.joint] + own, torque=own, against=against, follows=follows
+            )
+        )
     return curves
 
 
@@ -193,7 +197,7 @@ def _followed(
         quantities[f"position of {name} [{unit}]"] = rows.q[:, j]
         quantities[f"speed of {name} [{unit}/s]"] = rows.qd[:, j]
         quantities[f"torque of {name} [{joint.torque_unit}]"] = rows.tau[:, j]
-    block = np.flatnonzero(use) // max(1, round(rows.rate))
+    block = np.flatnonzero(use) // round(rows.rate)
     shares = {name: _explained(x[use], y, block) for name, x in quantities.items()}
     # Why: on seconds of a smooth motion every torque is also one of time.
     shares["time [s]"] -= TIME_LEAD
@@ -211,5 +215,5 @@ def _explained(signal: Floats, y: Floats, block: Ints) -> float:
     for fitted in (even, ~even):
         count = np.maximum(np.bincount(part[fitted], minlength=PARTS), 1)
         mean = np.bincount(part[fitted], y[fitted], PARTS) / count
-        left += float(np.sum((y[~fitted] - mean[part[~fitted]]) ** 2))
-    return 1 - left / max(float(np.sum(y**2)), 1e-30)
+        left += np.sum((y[~fitted] - mean[part[~fitted]]) ** 2)
+    return float(1 - left / max(np.sum(y**2), 1e-30))

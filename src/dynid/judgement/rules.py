@@ -55,10 +55,9 @@ def of_result(e: Evidence) -> str:
             "consistent: use it for torques, not for its links."
         )
     for light in e.lights:
-        if light.state == "bad" and light.name == "complete":
-            return of_gap(e, nothing=False)
         if light.state == "bad":
-            return f"Do not use this model yet. {light.title.capitalize()} is bad: {light.text}."
+            said = f"Do not use this model yet: {light.text}."
+            return of_gap(e, nothing=False) if light.name == "complete" else said
     if unseen == "open":
         logs = f"the training log{'s' * (len(e.logs) > 1)}"
         error = f"Relative torque error {shown(e.fitted)} % on {logs}. " if e.fitted else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -61,9 +61,6 @@ from dynid.workflows.identify import identify
 from dynid.workflows.options import GapOptions, IdentifyOptions, joint_indices
 from dynid.workflows.parameters import Observations
 from dynid.workflows.validate import Validation, validate
-
-if TYPE_CHECKING:
-    pass
 
 T = TypeVar("T")
 
@@ -468,10 +465,10 @@ class _Search:
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
         checked = [
-            checked_log(log, self.result.base.robot, self.options, identify=False) for log in logs
+            checked_log(log, self.result.robot, self.options, identify=False) for log in logs
         ]
         for log in checked:
-            check_weight(log, self.result.base.robot)
+            check_weight(log, self.result.robot)
         return checked
 
     def answered(self, new: Sequence[Log], before: Sequence[Log]) -> Gap:
@@ -542,7 +539,7 @@ class _Search:
             for one in suspicions(search.problem, search.selected)
             if (not effects or COUNTERBALANCE in effects) and (not joints or one.joint in joints)
         ]
-        names = self.result.base.robot.joint_names
+        names = self.result.robot.joint_names
         sought = [one for one in suspected if one.searched]
         if not sought:
             return _with_likely(gap, suspected, names)
@@ -561,7 +558,7 @@ class _Search:
     def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
         """Return an analysis as the answer to a question, without logs and signals."""
         made_from = str(self.result.path) if self.result.path.name else ""
-        record = record_of(analysis, self.result.base.robot, question, why, made_from)
+        record = record_of(analysis, self.result.robot, question, why, made_from)
         facts = vars(record) | {"of": fingerprint(self.result)}
         return Gap(**facts, analysis=analysis, searched=self.result)
 
@@ -587,7 +584,7 @@ class _Search:
             exclude=self.options.exclude,
         )
         try:
-            now = identify(self.result.base.robot, logs, options, base=result.base)
+            now = identify(self.result.robot, logs, options, base=result.base)
             # Why the other way round: what was taken off hung there when the model was identified.
             loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
             return with_reestimated_payload(analysis, load, find_payload(loaded, bare))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -69,9 +69,6 @@ from dynid.workflows.parameters import (
     stored_key,
     write_robot,
 )
-
-if TYPE_CHECKING:
-    pass
 
 #: What the estimators are, for people.
 METHOD_TEXT = {

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from math import isfinite
 from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
@@ -106,11 +107,11 @@ def _effect_specs(value: Any) -> tuple[EffectSpec, ...]:  # noqa: ANN401
         if isinstance(item, str):
             head, _, numbers = item.partition(":")
             effect, _, joints = head.partition("@")
-            pairs = [part.split("=") for part in numbers.split(",") if part]
-            parameters = {key.strip(): float(number) for key, number in pairs}
+            pairs = [part.partition("=") for part in numbers.split(",") if part]
+            parameters = {key.strip(): number_or_nan(number) for key, _, number in pairs}
             made = EffectSpec(effect, tuple(filter(None, joints.split(","))), parameters)
-        if not isinstance(made, EffectSpec):
-            raise TypeError("it is no effect such as viscous@joint_2:fv=4.5")
+        if not (isinstance(made, EffectSpec) and all(map(isfinite, made.parameters.values()))):
+            raise ValueError("it is no effect with numbers, such as viscous@joint_2:fv=4.5")
         specs.append(made)
     return tuple(specs)
 

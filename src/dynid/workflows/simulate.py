@@ -14,7 +14,7 @@ from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
-from dynid.model.effects.catalogue import checked, joints_of
+from dynid.model.effects.catalogue import CATALOGUE, checked, joints_of
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import ModelTorques, build_model, prior_vector
@@ -22,7 +22,7 @@ from dynid.motion import Motion
 from dynid.progress import Progress, stage
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.sim.arm import SimulatedArm
-from dynid.text import whole_number
+from dynid.text import closest, whole_number
 from dynid.workflows.options import SimulateOptions
 
 #: What computes the rigid bodies.
@@ -85,6 +85,10 @@ def simulate(
             fix = "add the load to `tool:` in the robot file"
             raise WrongUsage("the robot file has a tool already", fix=fix)
         robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
+    for one in options.effects:
+        if one.effect not in CATALOGUE:
+            what = f"--effect: no effect '{one.effect}'{closest(one.effect, CATALOGUE)}"
+            raise WrongUsage(what, fix=LISTED)
     stage("simulate")
     arm = SimulatedArm(robot, prior_bodies(robot))
     rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
@@ -99,6 +103,8 @@ def simulate(
         model = build_model(rigid)
         reference = ModelTorques(model, prior_vector(model))
         tau = tau + _effect_torque(robot, motion, specs, reference)
+        if not np.isfinite(tau).all():
+            raise WrongUsage("--effect gives no finite torque with these numbers", fix=LISTED)
     moved = motion.t - options.delay
     late = np.stack([np.interp(moved, motion.t, column) for column in tau.T], axis=1)
     rng = np.random.default_rng(options.seed)

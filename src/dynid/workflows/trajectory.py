@@ -158,9 +158,7 @@ class Plan(Answered):
             findings.append(Finding("W606", "warning", text, {"assumed": list(assumed)}))
         error, noise = self.at_full_speed.torque_error, self.noise_rms
         if error > noise:
-            text = (
-                f"expected torque error on other motions {error:.2g} {self.unit} even at full speed"
-            )
+            text = f"expected torque error on other motions {error:.2g} {torque_unit(self.robot)} even at full speed"
             text += f", more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
             findings.append(Finding("W608", "warning", text, {"expected_torque_error_nm": error}))
         return tuple(findings)
@@ -318,7 +316,10 @@ class Plan(Answered):
         lines.append(("excitation", f"condition number {condition}; weakest: {self.weakest}"))
         lines += [("gap", text) for text in self.outlook]
         lines.append(
-            ("noise", f"{self.noise_rms:.2g} {self.unit} rms per sample, {self.noise_from}")
+            (
+                "noise",
+                f"{self.noise_rms:.2g} {torque_unit(self.robot)} rms per sample, {self.noise_from}",
+            )
         )
         if run.alpha < 1:
             # So that nobody identifies from a first, slow run by mistake.
@@ -327,10 +328,10 @@ class Plan(Answered):
             lines.append(("alpha", text))
         return lines
 
-    @property
-    def unit(self) -> str:
-        """Unit of torques; both where joints turn and slide."""
-        return " or ".join(dict.fromkeys(joint.torque_unit for joint in self.robot.joints))
+
+def torque_unit(robot: Robot) -> str:
+    """Return the unit of torques; both where joints turn and slide."""
+    return " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
 
 
 def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
@@ -340,8 +341,7 @@ def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
         robot: the arm.
         facts: of the motion, as ``Plan.facts`` says them.
     """
-    unit = " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
-    error = f"{facts['expected_torque_error_nm']:.2g} {unit}"
+    error = f"{facts['expected_torque_error_nm']:.2g} {torque_unit(robot)}"
     return (
         f"This motion of {facts['duration_s']:.1f} s keeps all limits of {robot.name}. "
         f"With a recording of it the model should predict other motions to {error}."
