@@ -46,7 +46,7 @@ def bounded(packed: int, unpacked: int, where: Path | str) -> None:
 # ---------------------------------------------------------------- .npz
 def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write arrays and a header of JSON-able facts whole; equal contents give equal bytes."""
-    text = np.array(json.dumps(header, sort_keys=True, default=_plain))
+    text = np.array(json.dumps(header, default=_plain))
     with written_whole(path) as stream, zipfile.ZipFile(stream, "w") as archive:
         for name, array in {HEADER: text, **arrays}.items():
             # Why not by name: that would write the time of day.
