@@ -60,7 +60,6 @@ def evidence_of(result: Identified) -> Evidence:
     possible = result.relative_error_percent
     if not physical:
         possible = relative_error(factors, result.reduction.K @ result.physical.x)
-    rate = header.get("kept_rate_hz")
     evidence = Evidence(
         robot=robot.source or str(robot.path or robot.slug),
         result=str(result.path) if result.path.name else "",
@@ -79,7 +78,6 @@ def evidence_of(result: Identified) -> Evidence:
         or None,
         known=sum(map(knowledge.count, (KNOWN_WELL, NEGLIGIBLE))) / max(1, len(result.names)),
         open=knowledge.count(NOT_DETERMINED),
-        seconds=result.samples / float(rate) if rate else None,
     )
     if not result.path.name:
         return evidence
