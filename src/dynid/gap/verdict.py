@@ -25,9 +25,9 @@ SAMPLING = 0.3
 PART = 0.9
 #: Chance above which the 95 % interval of an effect holds zero.
 OPEN = 0.05
-#: How far below zero the smallest second moment of a load's mass may be, as a share of the largest, beyond so many
-#: standard errors: a load that is small beside its distance has none.
-BODY, SURE = 0.1, 2.0
+#: How far below zero the smallest second moment of a load's mass may be, as a share of the largest, beyond
+#: two standard errors: a load that is small beside its distance has none.
+BODY = 0.1
 #: A shape below so many times the least of its range lies at its end: all wrong ones did within 1.02.
 AT_END = 1.03
 LIKELY = "its probability is only"
@@ -129,9 +129,9 @@ def possible(one: SelectedEffect) -> bool:
     if P[3, 3] <= 0:
         return False
     spread = np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3])
-    # A second moment is half the sum of two moments of inertia less the third.
-    unsure = 0.5 * np.linalg.norm([one.std_errors[name] for name in ("Ixx", "Iyy", "Izz")])
-    return bool(spread[0] >= -BODY * spread[-1] - SURE * unsure)
+    # Two standard errors: a second moment is half of what two moments of inertia are more than the third.
+    unsure = np.linalg.norm([one.std_errors[name] for name in ("Ixx", "Iyy", "Izz")])
+    return bool(spread[0] >= -BODY * spread[-1] - unsure)
 
 
 def _louder(search: EffectSearch) -> float:
