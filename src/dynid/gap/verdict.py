@@ -130,8 +130,8 @@ def possible(one: SelectedEffect) -> bool:
         return False
     spread = np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3])
     # Two standard errors: a second moment is half of what two moments of inertia are more than the third.
-    unsure = np.linalg.norm([one.std_errors[name] for name in ("Ixx", "Iyy", "Izz")])
-    return bool(spread[0] >= -BODY * spread[-1] - unsure)
+    errors = [one.std_errors[name] for name in ("Ixx", "Iyy", "Izz")]
+    return bool(spread[0] >= -BODY * spread[-1] - np.linalg.norm(errors))
 
 
 def _louder(search: EffectSearch) -> float:
