@@ -126,8 +126,6 @@ def possible(one: SelectedEffect) -> bool:
     if one.name != "payload" or one.values["form"] < len(parameters):
         return True
     P = np.sign(parameters[0]) * pseudo_inertia(np.array(parameters))
-    if P[3, 3] <= 0:
-        return False
     spread = np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3])
     # Two standard errors: a second moment is half of what two moments of inertia are more than the third.
     errors = [one.std_errors[name] for name in ("Ixx", "Iyy", "Izz")]
