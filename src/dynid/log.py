@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.answer import Answer, Answered
 from dynid.arrays import Floats
-from dynid.errors import Finding, LogLayout, PackageMissing
-from dynid.npz import write_npz
+from dynid.errors import Finding, LogLayout
+from dynid.npz import write_artifact
+from dynid.table import dataframe
 from dynid.units import FACTORS
-from dynid.version import __version__
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -193,11 +193,7 @@ class Log(Answered):
         Raises:
             PackageMissing: pandas is not installed.
         """
-        try:
-            from pandas import DataFrame
-        except ImportError as error:
-            raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from error
-        return DataFrame(self.named_columns()).set_index("t")
+        return dataframe(self.named_columns()).set_index("t")
 
     def named_columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of a table by name, (N,) each; those without any number were never recorded."""
@@ -219,8 +215,6 @@ class Log(Answered):
         columns = {key: x for key, x in self.columns.items() if COLUMNS[key]}
         arrays = {"t": self.t, **columns}
         header = {
-            "schema": SCHEMA,
-            "dynid": __version__,
             **(run or {}),
             "joint_names": list(self.names),
             "units": ({"effort": self.tau_unit} if self.tau_unit else {}) | self.units,
@@ -230,5 +224,5 @@ class Log(Answered):
             "source": {"file": self.source.name if self.source else "", "sha256": self.sha256},
             "findings": [{"code": f.code, "level": f.level, "text": f.text} for f in self.findings],
         }
-        write_npz(Path(path), header, arrays)
+        write_artifact(Path(path), SCHEMA, header, arrays)
         return Path(path)

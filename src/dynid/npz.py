@@ -44,20 +44,6 @@ def bounded(packed: int, unpacked: int, where: Path | str) -> None:
 
 
 # ---------------------------------------------------------------- .npz
-def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays and a header of JSON-able facts whole; equal contents give equal bytes."""
-    text = np.array(json.dumps(header, default=_plain))
-    with written_whole(path) as stream, zipfile.ZipFile(stream, "w") as archive:
-        for name, array in {HEADER: text, **arrays}.items():
-            # Why not by name: that would write the time of day.
-            info = zipfile.ZipInfo(f"{name}.npy")
-            info.compress_type = (
-                zipfile.ZIP_DEFLATED if array.nbytes < COMPRESSED_BYTES else zipfile.ZIP_STORED
-            )
-            with archive.open(info, "w", force_zip64=array.nbytes > _ZIP64) as member:
-                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
-
-
 def write_artifact(
     path: Path, schema: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> None:
@@ -69,7 +55,17 @@ def write_artifact(
         header: JSON-able facts.
         arrays: arrays by name.
     """
-    write_npz(path, {"schema": schema, "dynid": __version__, **header}, arrays)
+    facts = {"schema": schema, "dynid": __version__, **header}
+    text = np.array(json.dumps(facts, sort_keys=True, default=_plain))
+    with written_whole(path) as stream, zipfile.ZipFile(stream, "w") as archive:
+        for name, array in {HEADER: text, **arrays}.items():
+            # Why not by name: that would write the time of day.
+            info = zipfile.ZipInfo(f"{name}.npy")
+            info.compress_type = (
+                zipfile.ZIP_DEFLATED if array.nbytes < COMPRESSED_BYTES else zipfile.ZIP_STORED
+            )
+            with archive.open(info, "w", force_zip64=array.nbytes > _ZIP64) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
 
 
 def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:

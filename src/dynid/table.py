@@ -38,11 +38,7 @@ class Table(list[dict[str, Any]]):
         Raises:
             PackageMissing: pandas is not installed.
         """
-        try:
-            from pandas import DataFrame
-        except ImportError:
-            raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from None
-        return DataFrame([*self])
+        return dataframe([*self])
 
     def __repr__(self) -> str:
         """Return the table as text with aligned columns."""
@@ -70,6 +66,19 @@ class Table(list[dict[str, Any]]):
         rows = ("".join(f"<td>{html(cell_text(x))}</td>" for x in row.values()) for row in self)
         body = "".join(f"<tr>{row}</tr>" for row in rows)
         return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def dataframe(data: Any) -> DataFrame:  # noqa: ANN401
+    """Return rows or columns as a pandas DataFrame.
+
+    Raises:
+        PackageMissing: pandas is not installed.
+    """
+    try:
+        from pandas import DataFrame
+    except ImportError:
+        raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from None
+    return DataFrame(data)
 
 
 def with_error(value: float, error: float | None) -> str:

@@ -109,7 +109,7 @@ def command(session, job, **words):
 def install():
     """Make ``toy`` a command of dynid."""
     sys.modules["dynid.cli.toy"] = sys.modules[__name__]
-    COMMANDS["toy"] = Entry("", "a command of the tests")
+    COMMANDS["toy"] = Entry("toy", "", "a command of the tests")
 
 
 if __name__ == "__main__":

@@ -7,8 +7,7 @@ import time
 import pytest
 from lab import ACTION, KINOVA, LWR, UR
 
-from dynid.files.bags import list_topics
-from dynid.files.logs import read_topics
+from dynid.files.bags import read_bag
 from runner import rows
 
 PRESS = "use the physical stop button now"
@@ -99,7 +98,7 @@ def test_a_killed_recorder_leaves_a_bag_of_which_99_percent_are_read(lab):
     child.end()
     assert lab.log(LWR).findings[0].code == "W305"
     path, topic = lab.folder / "out" / LWR / "log.bag", "/lwr/joint_states"
-    log = read_topics(path, [topic])[0][topic][0]
+    log = read_bag(path).logs[topic][0]
     first, last = (ns * 1e-9 for ns in log.extra["arrival_ns"])
     assert killed - last < 0.01 * (killed - first), "what came last is not in the file"
     assert len(log) >= 0.99 * 200 * (killed - first)
@@ -134,5 +133,5 @@ def test_a_full_disk_stops_the_arm_and_keeps_what_was_written(lab, small_disk):
     done = lab.move(KINOVA, trajectory, "--out", small_disk)
     done.failed(6, "error[E606]", "No space left", *STOPPED[KINOVA])
     topic = "/j2s7s300_driver/out/joint_state"
-    assert list_topics(small_disk / "log.bag")[topic].count > 40
+    assert read_bag(small_disk / "log.bag").topics[topic].count > 40
     assert lab.finish(driver)["commands"] < 400

@@ -6,11 +6,15 @@ Everything here writes to stderr; with --json, stdout gets one object that says 
 from __future__ import annotations
 
 import errno
+import json
 import os
+import platform
 import signal
 import sys
+import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import IO, Any, NoReturn, TextIO
 
@@ -73,10 +77,11 @@ def leave(status: int) -> NoReturn:
     sys.exit(status)
 
 
-def _echo(text: str, *, err: bool = True) -> None:
+def echo(text: str, *, err: bool = True) -> None:
+    """Write a line; where nobody reads or the disk is full, nowhere."""
     try:
         click.echo(text, err=err, color=True)
-    except OSError:  # the reader has left, or the disk is full
+    except OSError:
         silence_streams()
 
 
@@ -92,27 +97,31 @@ def ended(error: BaseException, words: Sequence[str], given: Mapping[str, Any]) 
     if isinstance(error, click.exceptions.Exit):
         return error.exit_code
     if isinstance(error, BrokenPipeError):
-        return int(ExitStatus.DONE)
+        return ExitStatus.DONE
     if _interrupted(error):
         # Why: what half-done objects say while they are cleared away helps nobody.
         sys.unraisablehook = lambda _: None
-        _echo("interrupted")
-        return int(ExitStatus.INTERRUPTED)
-    mistake = _mistake(error)
-    trace = _trace(error)
+        echo("interrupted")
+        return ExitStatus.INTERRUPTED
+    trace = "".join(traceback.format_exception(error)).rstrip()
     if given.get("debug") or "--debug" in words:
-        _echo(trace)
-    status, color = ExitStatus.INTERNAL, str(given.get("color", "auto"))
-    if mistake is not None:
-        status = mistake.status
-    answer = _report(mistake, color) if mistake else _crash(error, words, trace)
+        echo(trace)
+    mistake = _mistake(error) or _crash(error, words, trace)
+    facts = {key: getattr(mistake, key) for key in ("code", "what", "where", "why", "fix")}
+    said = {key: visible(text) for key, text in facts.items() if text}
+    head = f"error[{mistake.code}]"
+    if use_color(sys.stderr, str(given.get("color", "auto"))):
+        head = click.style(head, fg="red", bold=True)
+    echo(f"{head} {said['what']}")
+    for label in ("where", "why", "fix"):
+        # Why: file:line usually opens the message already; saying it twice would hide the rest.
+        if label in said and not (label == "where" and mistake.where in mistake.what):
+            echo(f"  {label:<7} {said[label]}")
     if given.get("json") or "--json" in words:
-        import json  # only failures need it, and help must be fast
-
-        said = {key: text for key, text in answer.items() if text}
-        facts = {"schema": "dynid/error/1", "status": int(status), "error": said}
-        _echo(json.dumps(facts, indent=2), err=False)
-    return int(status)
+        said = {key: text for key, text in facts.items() if text}
+        answer = {"schema": "dynid/error/1", "status": int(mistake.status), "error": said}
+        echo(json.dumps(answer, indent=2), err=False)
+    return mistake.status
 
 
 def _interrupted(error: BaseException | None) -> bool:
@@ -124,17 +133,19 @@ def _interrupted(error: BaseException | None) -> bool:
 
 def _mistake(error: BaseException) -> DynidError | None:
     """Return an error in the style of the catalogue; None for a mistake of dynid."""
-    if isinstance(error, DynidError):
-        return error
-    if isinstance(error, click.ClickException):
-        return _usage_error(error)
-    if isinstance(error, MemoryError):
-        return OutOfMemory(f"there is not enough memory: {error or 'none is left'}")
-    if not isinstance(error, OSError):
-        return None
-    gone = "the current folder" if error.errno == errno.ENOENT else "the output"
-    place = str(error.filename or gone)
-    return CannotWrite(f"cannot read or write {place}: {error.strerror or error}", where=place)
+    match error:
+        case DynidError():
+            return error
+        case click.ClickException():
+            return _usage_error(error)
+        case MemoryError():
+            return OutOfMemory(f"there is not enough memory: {error or 'none is left'}")
+        case OSError():
+            gone = "the current folder" if error.errno == errno.ENOENT else "the output"
+            place = str(error.filename or gone)
+            what = f"cannot read or write {place}: {error.strerror or error}"
+            return CannotWrite(what, where=place)
+    return None
 
 
 def _usage_error(error: click.ClickException) -> DynidError:
@@ -154,43 +165,17 @@ def _usage_error(error: click.ClickException) -> DynidError:
     return WrongUsage(text[:1].lower() + text[1:], where=where, why=why, fix=fix)
 
 
-def _report(error: DynidError, color: str) -> dict[str, str]:
-    """Print an error of the catalogue, and return the same for JSON."""
-    head = f"error[{error.code}]"
-    if use_color(sys.stderr, color):
-        head = click.style(head, fg="red", bold=True)
-    _echo(f"{head} {visible(error.what)}")
-    more = {"where": error.where, "why": error.why, "fix": error.fix}
-    for label, text in more.items():
-        # Why: file:line usually opens the message already; saying it twice would hide the rest.
-        if text and not (label == "where" and text in error.what):
-            _echo(f"  {label:<7} {visible(text)}")
-    return {"code": error.code, "what": error.what, **more}
-
-
-def _crash(error: BaseException, words: Sequence[str], trace: str) -> dict[str, str]:
-    """Write a crash file, say where it is, and return the same for JSON."""
-    import platform
-    from datetime import datetime
-
+def _crash(error: BaseException, words: Sequence[str], trace: str) -> DynidError:
+    """Return a mistake of dynid, whose traceback is in a crash file where one can be written."""
     command, here = " ".join(["dynid", *words]), os.environ.get("PWD", "")
     facts = [*workflows.doctor.version_lines(), platform.platform()]
     text = "\n".join([*facts, f"command: {command}", f"folder: {here}", "", trace])
-    name = f"crash-{datetime.now().astimezone():%Y%m%d-%H%M%S}-{os.getpid()}.txt"
-    what, file = f"{type(error).__name__}: {error}", ""
-    with suppress(OSError):
-        cache_folder().mkdir(parents=True, exist_ok=True)
-        (cache_folder() / name).write_text(text, encoding="utf-8", errors="backslashreplace")
-        file = str(cache_folder() / name)
-    _echo(f"internal error: {visible(what)[:200]}")
-    where = (
-        f"details in {file}; report it with that file" if file else "no crash file could be written"
-    )
-    _echo(f"  {where}, or run again with --debug")
-    return {"code": "E700", "what": what, "where": file}
-
-
-def _trace(error: BaseException) -> str:
-    import traceback
-
-    return "".join(traceback.format_exception(error)).rstrip()
+    file = cache_folder() / f"crash-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}.txt"
+    what, where = f"internal error: {type(error).__name__}: {error}"[:200], str(file)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8", errors="backslashreplace")
+    except OSError:
+        where = "no file, which could not be written"
+    fix = "report it with that file, or run again with --debug"
+    return DynidError(f"{what}; details in {where}", where=where, fix=fix)

@@ -48,10 +48,9 @@ if TYPE_CHECKING:
 @click.option(
     "--new-name",
     type=FILE,
-    metavar="FILE",
     help="Path of the copy of the robot file with the effects.",
 )
-@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the pictures.")
+@click.option("--plot/--no-plot", default=True, help="Draw the pictures.")
 def command(
     session: Session,
     parameters: Path,

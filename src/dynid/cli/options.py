@@ -36,6 +36,7 @@ Decorator = Callable[[Callable[..., Any]], Any]
 #: Options that every command has, and those of them with one letter.
 COMMON = tuple(each.name for each in fields(Session))
 SHORT = ("out", "force", "yes", "quiet", "verbose")
+TYPED = ParameterSource.COMMANDLINE
 #: What stands for a path.
 PATH = click.Path(path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -113,7 +114,7 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
     name, short = key_of(each), [f"-{each.name[0]}"] if each.name in SHORT else []
     facts |= {"default": each.default, "help": said.help, "metavar": said.metavar or None}
     facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
-    facts["show_default"] = said.shown or each.default not in (None, False, (), "")
+    facts["show_default"] = said.shown or None
     if "Path" in str(each.type):
         facts["type"] = PATH
     if said.pair:
@@ -184,14 +185,10 @@ def words_of(value: Value) -> str | list[str]:
 class Command(click.Command):
     """A command with examples in its help, variables for its options, and the common options set apart."""
 
-    repeatable = False
-
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the words of the command line, those of a former run first."""
         ctx.meta["dynid.given"] = ctx.params
-        if self.repeatable and not ctx.resilient_parsing:
-            args = repeated(ctx, args)
-        return super().parse_args(ctx, args)
+        return super().parse_args(ctx, args if ctx.resilient_parsing else repeated(ctx, args))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the common ones."""
@@ -214,7 +211,6 @@ FROM_OPTION = click.option(
 CONFIG_OPTION = click.option(
     "--config",
     type=INPUT,
-    metavar="FILE",
     is_eager=True,
     expose_value=False,
     callback=configure,
@@ -245,19 +241,18 @@ def dynid_command(
         @wraps(function)
         def callback(**values: Any) -> Any:  # noqa: ANN401
             ctx = click.get_current_context()
-            given = {key: values.pop(key) for key in COMMON}
-            if ctx.obj is not None:
-                typed = [
-                    key
-                    for key in given
-                    if ctx.get_parameter_source(key) is ParameterSource.COMMANDLINE
-                ]
-                inner = replace(ctx.obj, **{key: given[key] for key in typed})
-                with heard_by(inner.progress):
-                    return answered(inner, function(inner, **values))
-            with Session(**given) as session, heard_by(session.progress):
-                answer = function(session, **values)
-                facts = answered(session, answer)
+            common = {key: values.pop(key) for key in COMMON}
+            if ctx.obj is None:
+                session = Session(**common)
+            else:
+                typed = {key for key in COMMON if ctx.get_parameter_source(key) is TYPED}
+                session = replace(ctx.obj, **{key: common[key] for key in typed})
+            with session, heard_by(session.progress):
+                answer: Answer = function(session, **values)
+                session.show(answer)
+                facts = {**answer.facts, "wrote": [*answer.facts.get("wrote", ()), *answer.wrote]}
+                if ctx.obj is not None:
+                    return facts
                 if session.json:
                     session.emit_json(facts)
                 return int(answer.status or bool(answer.limits))
@@ -272,7 +267,6 @@ def dynid_command(
         epilog = f"Docs: {docs}, or dynid explain"
         kind: Any = partial(click.command, cls=Command, context_settings=CONTEXT, epilog=epilog)
         command: Command = kind(name, help=text)(decorated)
-        command.repeatable = repeatable
         # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
         for key, option in keys_of(command).items():
             own = f"DYNID_{name}_{key}".upper().replace("-", "_")
@@ -283,13 +277,6 @@ def dynid_command(
     return decorate
 
 
-def answered(session: Session, answer: Answer) -> dict[str, Any]:
-    """Print an answer, and return it for programs."""
-    session.show(answer)
-    session.progress.end()
-    return {**answer.facts, "wrote": [*answer.facts.get("wrote", ()), *answer.wrote]}
-
-
 def invoke(session: Session, name: str, *words: object) -> dict[str, Any]:
     """Run a command within another one, without its next steps, and return what its JSON answer would say.
 
@@ -298,7 +285,6 @@ def invoke(session: Session, name: str, *words: object) -> dict[str, Any]:
         name: the inner command.
         words: its command line.
     """
-    session.progress.end()
     command = command_of(name)
     with command.make_context(name, [*map(str, words)], obj=session) as ctx:
         return dict(command.invoke(ctx))

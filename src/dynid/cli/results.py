@@ -1,22 +1,43 @@
-"""Commands on results: validate, compare, report, export."""
+"""Commands on results and files of others: validate, compare, report, export, run, check, convert, import."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import FILE, PATH, dynid_command, options_from
-from dynid.cli.prompt import may_write, write_once
+from dynid.cli.options import FILE, INPUT, PATH, dynid_command, options_from
+from dynid.cli.prompt import input_hashes, may_write, write_once
 from dynid.cli.session import Session
 from dynid.disk import write_text
+from dynid.errors import WrongUsage
+from dynid.judgement.rules import Step
+from dynid.options import LogOptions
+from dynid.reports.tables import JunitCase
+from dynid.reports.tables import junit as junit_xml
 from dynid.runs import RunFolder
-from dynid.workflows.options import FORMATS, CompareOptions, ExportOptions, ValidateOptions
+from dynid.table import Table
+from dynid.text import shell
+from dynid.workflows.options import (
+    FORMATS,
+    CompareOptions,
+    ExportOptions,
+    ImportOptions,
+    ValidateOptions,
+)
+from dynid.workflows.run import RunOptions, run
+
+if TYPE_CHECKING:
+    from dynid.workflows.files import Checked
 
 
 @dynid_command(
@@ -33,10 +54,9 @@ from dynid.workflows.options import FORMATS, CompareOptions, ExportOptions, Vali
 @click.option(
     "--mcap",
     type=FILE,
-    metavar="FILE",
     help="Write measured, predicted and residual joint states with the arm's URDF for Foxglove, PlotJuggler and Rerun.",
 )
-@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
+@click.option("--plot/--no-plot", default=True, help="Draw the figures.")
 def validate_command(
     session: Session,
     parameters: Path,
@@ -72,9 +92,9 @@ def validate_command(
     "--baseline", type=PATH, metavar="RUN", help="Result that the runs are compared with."
 )
 @options_from(CompareOptions)
-@click.option("--csv", type=FILE, metavar="FILE", help="Write one row per run as CSV.")
-@click.option("--latex", type=FILE, metavar="FILE", help="Write a LaTeX table.")
-@click.option("--junit", type=FILE, metavar="FILE", help="Write a JUnit XML report.")
+@click.option("--csv", type=FILE, help="Write one row per run as CSV.")
+@click.option("--latex", type=FILE, help="Write a LaTeX table.")
+@click.option("--junit", type=FILE, help="Write a JUnit XML report.")
 def compare_command(
     session: Session,
     runs: tuple[Path, ...],
@@ -141,3 +161,176 @@ def export_command(
         write=partial(write_once, session),
     )
     return made.answer()
+
+
+#: Options of reading logs that a check does not need: nothing is filtered.
+FILTERING = ("cutoff", "velocity", "delay")
+
+
+@dynid_command(
+    "check",
+    examples=(
+        "dynid check my_arm.yaml                           a robot file",
+        "dynid check log.bag --robot my_arm.yaml           a log of that arm",
+        "dynid check log.bag --robot my_arm --convert      the same, and write out/my_arm/log.npz",
+        "dynid check out/my_arm/parameters.npz             the header of a result",
+    ),
+)
+@click.argument("paths", metavar="PATH...", nargs=-1, required=True)
+@click.option(
+    "--robot",
+    metavar="ROBOT",
+    help="The arm of the logs; by default the robot file among the paths.",
+)
+@options_from(LogOptions, without=FILTERING)
+@click.option("--convert", is_flag=True, help="Write log.npz: all columns as they were recorded.")
+@click.option(
+    "--fix", is_flag=True, help="Write log.npz after the repairs that lose nothing, and list them."
+)
+@click.option("--strict", is_flag=True, help="Exit with 1 when there are warnings.")
+def check_command(
+    session: Session,
+    paths: Sequence[str],
+    robot: str | None,
+    options: LogOptions,
+    convert: bool,
+    fix: bool,
+    strict: bool,
+) -> Answer:
+    """Look for mistakes in robot files, logs and results."""
+    arm = dynid.load_robot(robot) if robot else None
+    checks = workflows.files.check(paths, arm, options)
+    chosen = {**asdict(options), "convert": convert, "fix": fix}
+    wrote = [written(session, each, chosen) if convert or fix else [] for each in checks]
+    return workflows.files.checks_answer(checks, wrote, strict=strict)
+
+
+def written(session: Session, checked: Checked, chosen: dict[str, object]) -> list[Path]:
+    """Write log.npz of a log where that is not done yet."""
+    log = checked.log if chosen["fix"] else checked.raw
+    if log is None or checked.robot is None:
+        return []
+    target = session.folder(checked.robot.slug) / "log.npz"
+    inputs = input_hashes({"log": Path(checked.path)}, chosen)
+    if not may_write(session, target, inputs):
+        return []
+    return [log.save(target, session.header(inputs))]
+
+
+@dynid_command(
+    "convert",
+    examples=(
+        "dynid convert recording/ -o run.csv                a folder of rosbag2 as a table",
+        "dynid convert lab.csv --robot my_arm.yaml -o run.npz",
+    ),
+)
+@click.argument("log", type=PATH)
+@click.option(
+    "--to",
+    type=FILE,
+    help="File to write: .npz or .csv; -o FILE is the same.",
+)
+@click.option(
+    "--robot", metavar="ROBOT", help="The arm of the log, whose file names topic and columns."
+)
+@options_from(LogOptions, without=(*FILTERING, "exclude", "anyway", "sort_time"))
+def convert_command(
+    session: Session, log: Path, to: Path | None, robot: str | None, options: LogOptions
+) -> Answer:
+    """Write a recording as .npz or .csv; every number stays as it was recorded."""
+    target = to or session.out
+    if target is None:
+        fix = shell("dynid", "convert", log, "-o", f"{log.stem}.npz")
+        raise WrongUsage("no file to write is given", fix=fix)
+    may_write(session, target, other="another --to")
+    arm = dynid.load_robot(robot) if robot else None
+    return workflows.files.convert(log, target, arm, options)
+
+
+@dynid_command(
+    "import",
+    examples=(
+        "dynid import ur5.urdf                                          writes out/ur5/ur5.yaml",
+        "dynid import tiago.urdf --base torso_lift_link --tip arm_7_link    one arm of many",
+        "dynid import panda.urdf --convention modified",
+    ),
+)
+@click.argument("urdf", type=INPUT)
+@options_from(ImportOptions)
+def import_command(session: Session, urdf: Path, options: ImportOptions) -> Answer:
+    """Make a robot file from a URDF: DH table, limits, inertias as prior."""
+    text, answer = workflows.files.import_urdf(urdf, options)
+    path = session.folder(urdf.stem) / f"{urdf.stem}.yaml"
+    write_once(session, path, text)
+    facts = {**answer.facts, "wrote": [path]}
+    return replace(answer, facts=facts, next=[Step("", shell("dynid", "check", path))])
+
+
+@dynid_command(
+    "run",
+    examples=(
+        "dynid run batch.yaml                         all jobs of the list, done ones are not done again",
+        "dynid run batch.yaml --junit results.xml     for continuous integration",
+        "dynid run batch.yaml --scheduler tcp://host:8786     on the workers of a Dask scheduler",
+        "dynid run batch.yaml --json-lines | jq .name         follow the jobs as they end",
+    ),
+)
+@click.argument("batch", type=INPUT)
+@options_from(RunOptions)
+@click.option("--junit", type=FILE, help="Write a JUnit XML report.")
+@click.option(
+    "--json-lines", is_flag=True, help="Print one line of JSON for each job, when it ends."
+)
+def run_command(
+    session: Session, batch: Path, options: RunOptions, junit: Path | None, json_lines: bool
+) -> Answer:
+    """Identify, validate and compare many recordings from one YAML list."""
+    if json_lines and session.json:
+        raise WrongUsage("--json-lines and --json are two forms of one answer", fix="give one")
+    number = count(1)
+
+    def line(event: str, facts: dict[str, Any]) -> None:
+        if json_lines:
+            facts = {"schema": "dynid/run-event/1", "event": event, **facts}
+            session.emit_json(facts, indent=None)
+
+    def ended(jobs: int, job: dict[str, Any]) -> None:
+        how = "reused" if job["reused"] else f"{job['seconds']:.1f} s"
+        session.stage(f"{next(number)}/{jobs}", f"{job['name']}: {job['outcome']} ({how})")
+        line("job", {key: job[key] for key in job if key != "answers"})
+
+    words = ["--seed", str(session.seed), *["--force"] * session.force]
+    jobs = run(batch, options, session.out or Path("out"), words, ended)
+    if junit is not None:
+        write_text(junit, junit_xml("dynid run", [*map(case_of, jobs)]))
+    wrote = [] if junit is None else [junit]
+    outcomes = Counter(job["outcome"] for job in jobs)
+    facts = {
+        "passed": outcomes["passed"],
+        "beyond_limit": outcomes["beyond a limit"],
+        "failed": outcomes["failed"],
+    }
+    line("end", {**facts, "wrote": wrote})
+    failed = [job["status"] for job in jobs if job["outcome"] == "failed"]
+    columns = {
+        "job": "name",
+        "outcome": "outcome",
+        "error %": "relative_error_percent",
+        "held out %": "unseen_relative_error_percent",
+        "what": "message",
+    }
+    rows = [{head: job[key] or None for head, key in columns.items()} for job in jobs]
+    counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
+    verdict = ("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")
+    return Answer(
+        {"schema": "dynid/run/1", "jobs": jobs, **facts},
+        parts=() if json_lines else (Table(rows), "", verdict),
+        wrote=wrote,
+        status=failed[0] if failed else max(job["status"] for job in jobs),
+    )
+
+
+def case_of(job: dict[str, Any]) -> JunitCase:
+    """Return a job as a line of a test report."""
+    robot, failed = Path(job["robot"]).stem, job["outcome"] == "failed"
+    return JunitCase(job["name"], robot, job["message"], job["seconds"], failed)

@@ -33,7 +33,7 @@ from dynid.errors import CannotWrite, Finding
 from dynid.judgement.rules import Judgement
 from dynid.options import Options, option
 from dynid.table import Table, cell_text
-from dynid.text import shell, visible, whole_number
+from dynid.text import shell, visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -264,9 +264,8 @@ class Bar:
         slow = time.monotonic() - self._began > PATIENCE
         if self._bar is not None:
             words = visible(f"{self._name}  {text}")
-            self._bar.update(
-                self._bar.task_ids[0], completed=done, total=total or None, description=words
-            )
+            (task,) = self._bar.task_ids
+            self._bar.update(task, completed=done, total=total or None, description=words)
         # Why not with --json: what a program reads would depend on how busy the machine is.
         elif slow and not self._said and not self._session.json:
             self._said = True
@@ -299,12 +298,11 @@ def program() -> str:
 
 def _console(stream: TextIO, mode: str) -> Console:
     color, terminal = use_color(stream, mode), is_terminal(stream)
-    columns = whole_number(os.environ.get("COLUMNS", ""))
     return QuietConsole(
         file=stream,
         color_system=("auto" if terminal else "standard") if color else None,
         force_terminal=color,
-        width=None if terminal else columns if columns > 0 else UNLIMITED,
+        width=None if terminal or "COLUMNS" in os.environ else UNLIMITED,
     )
 
 

@@ -49,7 +49,6 @@ THERE = click.Path(exists=True, path_type=Path)
     "--engine",
     type=click.Choice(["mujoco"]),
     default="mujoco",
-    show_default=True,
     help="Simulator that --compare loads the exported files in.",
     expose_value=False,
 )

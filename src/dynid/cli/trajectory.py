@@ -101,10 +101,9 @@ ALPHA = click.FloatRange(0, 1, min_open=True)
     "--preview",
     type=click.Choice(["auto", "gui", "video", "picture", "none"]),
     default="auto",
-    show_default=True,
     help="How to preview the motion.",
 )
-@click.option("--urdf", type=INPUT, metavar="FILE", help="URDF of the arm with its own meshes.")
+@click.option("--urdf", type=INPUT, help="URDF of the arm with its own meshes.")
 @click.option(
     "--review", type=PATH, metavar="FILE", help="Preview and accept a motion planned before."
 )

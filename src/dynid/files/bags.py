@@ -11,15 +11,16 @@ import io
 import re
 import struct
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import BagTruncated, DynidError, Finding, LogNotFound
 from dynid.files import tuning
 from dynid.files.messages import NANOSECONDS, Broken, Collector, Messages, Topic, taken
@@ -34,9 +35,7 @@ if TYPE_CHECKING:
 ROS2 = (".db3", ".mcap")
 #: First line of a bag of version 2.0.
 MAGIC = b"#ROSBAG V2.0\n"
-#: What is said of a recording without one readable message.
-NOTHING = "{} ends early (recorder killed?), and nothing of it is readable: {}"
-_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2, 5, 6, 7))
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"
 #: What stands before a time in a header, and the bytes of both.
 _TIME, _TIMED = b"\r\0\0\0time=", 17
 _SIZE = struct.Struct("<I").unpack_from
@@ -44,62 +43,55 @@ _SIZE = struct.Struct("<I").unpack_from
 Fields = defaultdict[bytes, bytes]
 
 
-def read_topics(
-    path: Path, names: Collection[str]
-) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
-    """Return the numbers of some topics, also of a recording that is damaged.
+class Recording(NamedTuple):
+    """What a recording holds.
 
-    Returns:
-        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
+    Attributes:
+        topics: its topics by name, with the number of their messages.
+        logs: for each topic of joint states its raw logs, one for each set of joint names, the largest first.
+        findings: what was noticed.
+    """
+
+    topics: dict[str, Topic]
+    logs: dict[str, list[Log]]
+    findings: tuple[Finding, ...]
+
+
+def read_bag(path: Path) -> Recording:
+    """Return what a recording holds, also of one that is damaged.
 
     Raises:
-        BagTruncated: nothing of these topics is readable.
+        BagTruncated: it is damaged, and no joint states are readable.
+        LogNotFound: not a recording.
         WrongMessageType: messages are compressed one by one.
         TooLarge: a chunk unpacks like a bomb.
     """
+    counts = Counter[Topic]()
     collectors: dict[str, Collector] = {}
     reasons = []
     for part in parts_of(path):
         try:
-            for some in _scan(part, names):
+            for some in (_ros2 if part.suffix in ROS2 else _ros1)(part, counts):
                 collectors.setdefault(some.topic.name, Collector(some.topic)).add(some)
         except Broken as error:
             reasons.append(f"{part.name}: {error}" if part != path else str(error))
-    groups = {name: logs for name, one in collectors.items() if (logs := one.logs())}
-    reasons += [one.reason for one in collectors.values() if one.reason]
+    topics = {topic.name: replace(topic, count=count) for topic, count in counts.items()}
+    logs = {name: found for name, each in collectors.items() if (found := each.logs())}
+    reasons += [each.reason for each in collectors.values() if each.reason]
     if not reasons:
-        return groups, ()
-    if not groups:
-        raise BagTruncated(NOTHING.format(path.name, reasons[0]), where=path)
-    logs = [log for group in groups.values() for log in group]
-    count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
-    seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
+        return Recording(topics, logs, ())
+    if not logs:
+        text = "ends early (recorder killed?), and no joint states of it are readable"
+        raise BagTruncated(f"{path.name} {text}: {reasons[0]}", where=path)
+    every = [log for group in logs.values() for log in group]
+    count, reason = sum(map(len, every)), "; ".join(reasons[:3])
+    seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in every) * 1e-9
     text = (
         f"{path.name} was cut or not closed (recorder killed?): {count} messages, {seconds:.1f} s, are readable "
         f"and used; reported by the reader: {reason.rstrip('.')}"
     )
     evidence = {"messages": count, "seconds": seconds, "reason": reason}
-    return groups, (Finding("W305", "warning", text, evidence),)
-
-
-def list_topics(path: Path) -> dict[str, Topic]:
-    """Return the topics of a recording by name; those of a damaged ROS 1 bag as far as it can be read.
-
-    Raises:
-        BagTruncated: nothing is readable.
-        LogNotFound: not a recording.
-    """
-    counts = Counter[Topic]()
-    for part in parts_of(path):
-        try:
-            counts.update(_counted(part))
-        except Broken as error:
-            with suppress(Broken):
-                for some in _scan(part) if part.suffix not in ROS2 else ():
-                    counts[some.topic] += len(some.starts)
-            if not counts:
-                raise BagTruncated(NOTHING.format(part.name, error), where=part) from None
-    return {topic.name: replace(topic, count=count) for topic, count in counts.items()}
+    return Recording(topics, logs, (Finding("W305", "warning", text, evidence),))
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -122,57 +114,23 @@ def parts_of(path: Path) -> list[Path]:
     return parts
 
 
-def _counted(part: Path) -> Counter[Topic]:
-    """Return the numbers of messages that the index of a file gives."""
-    counts, known = Counter[Topic](), dict[bytes, Topic]()
-    if part.suffix in ROS2:
-        with _opened(part) as reader:
-            for each in reader.connections:
-                counts[_topic(each)] += each.msgcount
-        if not counts:
-            raise Broken("it names no topic")
-        return counts
-    for op, fields, data in _walk(part, chunks=False):
-        if op == _CONNECTION:
-            counts[_remembered(fields, data, known)] += 0
-        elif op == _CHUNK_INFO:
-            for number, count in struct.iter_unpack("<4sI", data[: len(data) // 8 * 8]):
-                if number not in known:
-                    raise Broken("its index is damaged")
-                counts[known[number]] += count
-    return counts
-
-
-def _scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Messages]:
-    """Yield the readable messages of some topics of a file, all when None; ``Broken`` behind them."""
-    if part.suffix in ROS2:
-        with _opened(part) as reader:
-            wanted = [each for each in reader.connections if topics is None or each.topic in topics]
-            for each in wanted:
-                messages = reader.messages([each])
-                while some := list(islice(messages, tuning.MESSAGES)):
-                    _, arrival, raws = zip(*some, strict=True)
-                    edges = np.cumsum([0, *map(len, raws)])
-                    content = np.frombuffer(b"".join(raws), np.uint8)
-                    yield Messages(_topic(each), np.array(arrival), content, edges[:-1], edges[1:])
-        return
-    known: dict[bytes, Topic] = {}
-    damage = None
-    for op, fields, data in _walk(part):
-        if op == _CHUNK:
-            try:
-                for block in _messages(_unpacked(fields, data, part), known):
-                    if topics is None or block.topic.name in topics:
-                        yield block
-            except Broken as error:
-                damage = damage or error
-    if damage:
-        raise damage
-
-
 # ---------------------------------------------------------------- ROS 2
-def _topic(each: Any) -> Topic:  # noqa: ANN401
-    return Topic(each.topic, each.msgtype.replace("/msg/", "/"), True)
+def _ros2(part: Path, counts: Counter[Topic]) -> Iterator[Messages]:
+    """Yield the joint states of a file, and count all messages; ``Broken`` behind those that are readable."""
+    with _opened(part) as reader:
+        if not reader.connections:
+            raise Broken("it names no topic")
+        for each in reader.connections:
+            topic = Topic(each.topic, each.msgtype.replace("/msg/", "/"), cdr=True)
+            counts[topic] += each.msgcount
+            if topic.type != JOINT_STATE:
+                continue
+            messages = reader.messages([each])
+            while some := list(islice(messages, tuning.MESSAGES)):
+                _, arrival, raws = zip(*some, strict=True)
+                edges = np.cumsum([0, *map(len, raws)])
+                content = np.frombuffer(b"".join(raws), np.uint8)
+                yield Messages(topic, np.array(arrival), content, edges[:-1], edges[1:])
 
 
 @contextmanager
@@ -200,8 +158,28 @@ def _opened(part: Path) -> Iterator[Reader]:
 
 
 # ---------------------------------------------------------------- ROS 1
-def _walk(path: Path, *, chunks: bool = True) -> Iterator[tuple[bytes, Fields, bytes]]:
-    """Yield kind, header and data of each record of a bag; ``chunks`` says whether with those of chunks.
+def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[Messages]:
+    """Yield the joint states of a bag, and count all messages; ``Broken`` behind those that are readable."""
+    known: dict[bytes, Topic] = {}
+    damage = None
+    for op, fields, data in _records(path):
+        if op == _CONNECTION:
+            counts[_remembered(fields, data, known)] += 0
+        if op != _CHUNK:
+            continue
+        try:
+            for some in _messages(_unpacked(fields, data, path), known):
+                counts[some.topic] += len(some.starts)
+                if some.topic.type == JOINT_STATE:
+                    yield some
+        except Broken as error:
+            damage = damage or error
+    if damage:
+        raise damage
+
+
+def _records(path: Path) -> Iterator[tuple[bytes, Fields, bytes]]:
+    """Yield kind, header and data of each record of a bag.
 
     Raises:
         Broken: behind the last readable record, or where there is no index.
@@ -219,9 +197,6 @@ def _walk(path: Path, *, chunks: bool = True) -> Iterator[tuple[bytes, Fields, b
             fields = _fields(stream.read(int.from_bytes(head, "little")))
             op, size = fields[b"op"], int.from_bytes(stream.read(4), "little")
             index = index or int.from_bytes(fields[b"index_pos"][:8], "little")
-            if op == _CHUNK and not chunks:
-                stream.seek(size, 1)
-                continue
             # Why the rest: a chunk is given its size when it is closed; an open one reaches to the end of the file.
             data = stream.read(size or -1 if op == _CHUNK else size)
             yield op, fields, data

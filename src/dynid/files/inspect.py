@@ -10,7 +10,7 @@ import numpy as np
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, LogLayout
 from dynid.files import logs, tables, tuning
-from dynid.files.bags import list_topics, read_topics
+from dynid.files.bags import read_bag
 from dynid.files.columnwords import (
     in_amperes,
     joints_of,
@@ -99,10 +99,8 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
     if kind != "bag":
         log = logs.read_npz_log(path) if kind == "npz" else tables.read_folder(path, rate)
         return Inspected((log,), log.findings)
-    topics = list_topics(path)
-    wanted = [each.name for each in topics.values() if each.count and each.type == JOINT_STATE]
-    groups, findings = read_topics(path, wanted) if wanted else ({}, ())
-    found = tuple(log for name in wanted for log in groups.get(name, ()) if log.n)
+    topics, groups, findings = read_bag(path)
+    found = tuple(log for group in groups.values() for log in group if log.n)
     if not found:
         text = f"no topic of {path.name} holds joint states ({JOINT_STATE})"
         findings = (*findings, Finding("W333", "warning", text))

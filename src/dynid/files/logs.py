@@ -25,7 +25,7 @@ from dynid.errors import (
 )
 from dynid.files import tables, tuning
 from dynid.files.artifact import require_schema
-from dynid.files.bags import list_topics, read_topics
+from dynid.files.bags import read_bag
 from dynid.log import COLUMNS, SCHEMA, Log
 from dynid.npz import HEADER, read_npz
 from dynid.robot import Robot
@@ -155,12 +155,12 @@ def read_npz_log(path: Path) -> Log:
 # ---------------------------------------------------------------- joint states of bags
 def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
     """Read the joint states of a robot from a bag; the driver chooses the topic where None is given."""
-    topics = {name: state.type for name, state in list_topics(path).items()}
-    chosen = driver_of(robot).choose_topic(topics, topic, robot, path.name)
-    groups, findings = read_topics(path, {chosen})
-    logs = groups.get(chosen, ())
+    topics, groups, findings = read_bag(path)
+    kinds = {name: each.type for name, each in topics.items()}
+    chosen = driver_of(robot).choose_topic(kinds, topic, robot, path.name)
+    logs = groups.get(chosen)
     if not logs:
-        raise WrongMessageType(f"{chosen} has no messages", where=chosen)
+        raise WrongMessageType(f"{chosen} has no readable messages", where=chosen)
     # Why: other nodes may publish on the same topic.
     known = (set(robot.log_names), set(robot.joint_names))
     log = next((log for names in known for log in logs if names <= set(log.names)), logs[0])

@@ -202,8 +202,9 @@ def _common_normal(
         normal = between / np.linalg.norm(between)
     else:
         normal = normal / size
-        along, back, _ = np.linalg.solve(np.transpose([z, other, normal]), point - origin)
-        foot, next_foot = origin + along * z, point - back * other
+        gap = point - origin
+        foot = origin + z * (np.cross(gap, other) @ np.cross(z, other)) / size**2
+        next_foot = point + other * (np.cross(gap, z) @ np.cross(z, other)) / size**2
     return foot, next_foot, -normal if normal @ x < -tuning.ZERO_LENGTH_M else normal
 
 
