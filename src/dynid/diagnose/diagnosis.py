@@ -336,18 +336,12 @@ def _explained(
         what += f" (this log fits as well with {tied})"
     named = (best, *diagnosis.tied)
     if anyway:
-        evidence = {
-            "unexplained": diagnosis.as_written.unexplained,
-            "hypotheses": [
-                {
-                    "edits": [in_words([edit], robot) for edit in each.edits],
-                    "unexplained": each.unexplained,
-                }
-                for each in named
-            ],
-        }
+        evidence = {"unexplained": diagnosis.as_written.unexplained}
         return (Finding("W329", "warning", what, evidence), *unexplained)
     edits = [as_robot_file_lines(each.edits, robot, bool(names)) for each in named]
+    if best.unexplained > tuning.HARDLY_EXPLAINED:
+        what += ", which is no explanation"
+        edits = ["compare lengths, units and the order of the torque columns with the arm"]
     raise WrongMapping(
         what,
         why="with this robot file, no physically consistent parameters make these torques"
