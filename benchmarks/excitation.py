@@ -16,7 +16,7 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 import itertools
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -113,7 +113,8 @@ def bench(name):
     robot = found.robot
     model, base, names = found.model, found.reduction.base, found.model.parameter_names
     rigid = np.array([k for k in base if not names[k].startswith(("fv", "fc", "Im"))])
-    limits = bounds(robot, 0.05, 0.0)
+    narrow = bounds(robot, 0.05)
+    limits = replace(bounds(robot), lower=narrow.lower, upper=narrow.upper)
     costs = {
         "I-optimal": (base, Cost("i", V=held_out(model, base, limits, seed=0))),
         "D-optimal": (base, Cost("d")),

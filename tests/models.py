@@ -5,13 +5,13 @@ from functools import cache
 
 import twolink
 from dynid import BaseModel, load_robot
-from dynid.model.reduce import reduce
+from dynid.model.reduce import reduce, with_added
 from dynid.model.regressor import build_model
 
 
 def base_of(robot):
     model = build_model(robot)
-    return BaseModel(model, reduce(model))
+    return BaseModel(model, with_added(reduce(model), model))
 
 
 @cache

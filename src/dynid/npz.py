@@ -56,7 +56,7 @@ def write_artifact(
         arrays: arrays by name.
     """
     facts = {"schema": schema, "dynid": __version__, **header}
-    text = np.array(json.dumps(facts, sort_keys=True, default=_plain))
+    text = np.array(json.dumps(facts, default=_plain))
     with written_whole(path) as stream, zipfile.ZipFile(stream, "w") as archive:
         for name, array in {HEADER: text, **arrays}.items():
             # Why not by name: that would write the time of day.

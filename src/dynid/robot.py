@@ -256,15 +256,6 @@ class Coulomb:
     interval: tuple[tuple[float, float], ...] = ()
 
 
-def coulomb_of(header: Mapping[str, Any]) -> Coulomb | None:
-    """Return the shape that the header of a file keeps; None where nothing was estimated."""
-    facts = header.get("coulomb")
-    if facts is None:
-        return None
-    interval = tuple((float(low), float(high)) for low, high in facts["interval"])
-    return Coulomb(str(facts["shape"]), tuple(map(float, facts["velocity"])), interval)
-
-
 @dataclass(frozen=True)
 class Coupling:
     """Motor-side logs with coupled joints: q_motor = matrix @ q, tau_joint = matrix.T @ tau_motor.

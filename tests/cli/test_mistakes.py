@@ -59,6 +59,7 @@ SPOILT = {
     "short": keep(slice(0, 60)),
     "slow": keep(slice(None, None, 20)),
     "weightless": poses(gravity=0),
+    "poses alone": spoil("q", lambda q: np.repeat(q[50::100], 100, axis=0)),
     "thousandfold": spoil("tau", lambda v: 1000 * v),
     "elbow stands": lambda c: {**c, "q": c["q"] * [1, 0] + [0, 0.3], "qd": c["qd"] * [1, 0]},
     "a gap": keep(np.r_[0:600, 630:2000]),

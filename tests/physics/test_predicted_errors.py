@@ -15,7 +15,7 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.loading import condition_logs
 from dynid.model.base_model import prior_base_parameters
-from dynid.sim.arm import track
+from dynid.sim.arm import SimulatedRun, track
 from dynid.sim.plant import Sensors, read_plant
 from dynid.trajectory.basis import Quintic, basis_from
 from dynid.trajectory.feasible import bounds, coefficients, random_variables
@@ -39,7 +39,8 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     predicted = predict(model, reduction.base, plan.sampled(RATE), noise, other)
 
     arm = SimulatedArm(robot, dt=STEP)
-    truth = track(arm, plan.sampled(1 / STEP), every=round(1 / STEP / RATE))
+    done, kept = track(arm, plan.sampled(1 / STEP)), slice(None, None, round(1 / STEP / RATE))
+    truth = SimulatedRun(*(part[kept] for part in vars(done).values()))
     sensors = dataclasses.replace(
         Sensors.perfect(robot.n), torque_noise=tuple(noise), velocity_noise=None
     )

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,16 +17,8 @@ from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
 from dynid.estimation.identified import SAME_MOTION, Identified
 from dynid.estimation.least_squares import relative_error
 from dynid.files import typed
-from dynid.files.artifact import read_artifact, read_header, reading
-from dynid.judgement.evidence import (
-    EffectEvidence,
-    Event,
-    Evidence,
-    GapEvidence,
-    JointEvidence,
-    Unseen,
-)
-from dynid.model.effects.catalogue import CATALOGUE
+from dynid.files.artifact import read_artifact, read_header, reading, unpacked
+from dynid.judgement.evidence import Evidence, GapEvidence, JointEvidence, Unseen
 from dynid.runs import RunFolder
 
 #: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
@@ -69,7 +60,6 @@ def evidence_of(result: Identified) -> Evidence:
     possible = result.relative_error_percent
     if not physical:
         possible = relative_error(factors, result.reduction.K @ result.physical.x)
-    rate = header.get("kept_rate_hz")
     evidence = Evidence(
         robot=robot.source or str(robot.path or robot.slug),
         result=str(result.path) if result.path.name else "",
@@ -88,7 +78,6 @@ def evidence_of(result: Identified) -> Evidence:
         or None,
         known=sum(map(knowledge.count, (KNOWN_WELL, NEGLIGIBLE))) / max(1, len(result.names)),
         open=knowledge.count(NOT_DETERMINED),
-        seconds=result.samples / float(rate) if rate else None,
     )
     if not result.path.name:
         return evidence
@@ -162,84 +151,11 @@ def _gap(path: Path, result: Identified) -> GapEvidence | None:
         return None
     artifact = read_artifact(path)
     with reading(path):
-        where = partial(found_path, result)
-        return gap_evidence(dict(artifact.header["record"]), artifact.arrays, result.delay, where)
+        gap: GapEvidence = unpacked(GapEvidence, header["evidence"], artifact.arrays)
+        return with_paths(gap, partial(found_path, result))
 
 
-def gap_evidence(
-    record: dict[str, Any],
-    arrays: Any,  # noqa: ANN401
-    delay: float,
-    path_of: Callable[[str], str] = here,
-) -> GapEvidence:
-    """Return the evidence of a search.
-
-    Args:
-        record: its record as plain values.
-        arrays: its held-out errors by name.
-        delay: by how much the searched model moves torques back [s].
-        path_of: returns where a recording is now.
-    """
-    named = tuple(_effect(one, delay) for one in record["named"])
-    closest = tuple(_effect(one) for one in record["closest"])
-    # Why not beside "nothing": what was looked at and is none, such as a delay below the sampling, is no finding.
-    nothing = str(record["verdict"]).startswith("nothing")
-    events = (Event(**event) for event in record.get("events", ()))
-    errors = {"before": "before", "after": "after", "noise": "floor", "known": "known"}
-    names = {
-        "joints": "joint_names",
-        "unrepeatable": "not_repeatable",
-        "more": "more",
-        "flags": "flags",
-    }
-    known: dict[str, Any] = {key: tuple(map(float, arrays[x])) for key, x in errors.items()}
-    known |= {key: tuple(map(str, record.get(x, ()))) for key, x in names.items()}
-    return GapEvidence(
-        question=str(record["question"]),
-        ambiguous=record["verdict"] == "ambiguous",
-        effects=named if nothing else named + closest,
-        instead=tuple(one for one in closest if nothing and one.effect == "counterbalance"),
-        **known,
-        repeats=float(record.get("repeats") or 0.0) > 0.0,
-        events=tuple(replace(event, log=path_of(event.log)) for event in events),
-        kept=_number(record.get("kept")),
-        expected=_number(record.get("expected")),
-        kept_rms=tuple(map(float, record.get("kept_rms", ()))),
-        logs=tuple(path_of(str(path)) for path in record["logs"] if path),
-    )
-
-
-def _effect(stored: dict[str, Any], delay: float | None = None) -> EffectEvidence:
-    """Return a stored effect as evidence; of one that is named, the delay that its model corrects is given [s]."""
-
-    def title(name: str) -> str:
-        return CATALOGUE[name].title if name in CATALOGUE else name
-
-    name, errors, units = str(stored["effect"]), dict(stored["std_errors"]), dict(stored["units"])
-    sizes = tuple(
-        (str(key), float(value), _number(errors.get(key, 0.0)), str(units.get(key, "")))
-        for key, value in dict(stored["values"]).items()
-    )
-    late = [value for key, value, _, _ in sizes if (name, key) == ("torque_delay", "delay")]
-    rivals = (str(text).partition(" on ") for text in stored["rivals"])
-    return EffectEvidence(
-        title=title(name),
-        effect=name,
-        where=str(stored["where"]),
-        sizes=sizes,
-        named=delay is not None,
-        probability=_number(stored.get("probability")),
-        joint=str(stored["joint"]),
-        before=float(stored["rms_before"]),
-        after=_number(stored["rms_after"]),
-        unit=str(stored["unit"]),
-        why_not=str(stored["why_not"]),
-        # Whether most of a delay is known to the model.
-        corrected=delay is not None and any(abs(x - delay) < 0.5 * abs(x) for x in late[:1]),
-        rivals=tuple(f"{title(rival)} on {where}" for rival, _, where in rivals),
-    )
-
-
-def _number(value: Any) -> float | None:  # noqa: ANN401
-    """Return a number; None where it is unknown, such as an error that the logs do not determine."""
-    return None if value is None or not np.isfinite(float(value)) else float(value)
+def with_paths(gap: GapEvidence, path_of: Callable[[str], str] = here) -> GapEvidence:
+    """Return the evidence of a search with the paths that its recordings have now."""
+    events = tuple(replace(event, log=path_of(event.log)) for event in gap.events)
+    return replace(gap, events=events, logs=tuple(path_of(log) for log in gap.logs))

@@ -63,12 +63,6 @@ class ExpectedError:
             "noise_nm": self.noise.tolist(),
         }
 
-    @classmethod
-    def of(cls, facts: dict[str, Any]) -> ExpectedError:
-        """Return what ``facts`` gave."""
-        noise = np.array(facts["noise_nm"])
-        return cls(facts["fitted_motion_percent"], facts["exciting_motion_percent"], noise)
-
 
 @dataclass(frozen=True)
 class JointQuality(JointError):

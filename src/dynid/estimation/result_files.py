@@ -2,50 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.disk import write_text
-from dynid.errors import Finding
-from dynid.estimation.identified import ExpectedError, Identified, JointQuality
-from dynid.estimation.least_squares import Fit
-from dynid.estimation.possible_arm import PhysicalParameters
-from dynid.estimation.residual_model import ModelError
+from dynid.estimation.identified import Identified
 from dynid.files import typed
-from dynid.files.artifact import read_artifact, reading
+from dynid.files.artifact import packed, read_artifact, reading, unpacked
 from dynid.files.robotfile import parse_robot, text_of
-from dynid.model.base_model import (
-    reduction_facts,
-    reduction_from,
-)
 from dynid.model.regressor import parameter_names
 from dynid.npz import write_artifact
-from dynid.robot import coulomb_of
+from dynid.robot import Coulomb
 from dynid.text import csv_row, yaml_text
 
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
-#: What is stored as it is, by its name in the result.
-SCALARS = (
-    "why",
-    "relative_error_percent",
-    "heldout_relative_error_percent",
-    "heldout",
-    "rank",
-    "condition_number",
-    "condition_number_scaled",
-    "samples",
-    "in_force",
-)
-#: Arrays of the estimator's own fit, in its order.
-FIT = ("plain", "noise", "plain_covariance", "factors", "counts")
-#: What is stored as arrays.
-ARRAYS = ("theta", "covariance", "std_error", "prior")
+#: Fields of a result that are stored in another way, or not at all.
+_APART = ("robot", "header", "path", "rigid", "stack", "draw")
 Result = TypeVar("Result", bound=Identified)
 
 
@@ -57,27 +34,15 @@ def save(path: Path, result: Identified, facts: dict[str, Any] | None = None) ->
         result: the result.
         facts: further facts for the header, such as the inputs that it depends on.
     """
-    reduction, reduction_arrays = reduction_facts(result.reduction)
-    physical, error = asdict(result.physical), result.model_error
-    arrays = {key: getattr(result, key) for key in FIT + ARRAYS} | reduction_arrays
-    arrays |= {f"full_{k}": x for k, x in physical.items() if isinstance(x, np.ndarray)}
-    if error is not None:
-        arrays |= {f"error_{k}": x for k, x in vars(error).items() if isinstance(x, np.ndarray)}
-    arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(result.motions)}
-    scalars = {key: getattr(result, key) for key in ("method", "knowledge", *SCALARS)} | {
-        "physical": {key: x for key, x in physical.items() if f"full_{key}" not in arrays},
-        "model_error_evidence": None if error is None else error.evidence,
-        "expected": result.expected.facts(),
-    }
+    names = [each.name for each in fields(Identified) if each.name not in _APART]
+    arrays: dict[str, NDArray[Any]] = {}
     header = {
         **(facts or {}),
         **result.header,
         "cutoff_hz": result.cutoff,
         "delay_applied_s": result.delay,
         "log_sha256": list(result.log_sha256),
-        "result": scalars | {"joints": [asdict(joint) for joint in result.joints]},
-        "findings": [asdict(f) for f in result.findings],
-        "reduction": reduction,
+        "result": {name: packed(getattr(result, name), arrays, name) for name in names},
         "robot_file": text_of(result.robot),
         "robot_path": str(result.robot.path or ""),
     }
@@ -129,48 +94,23 @@ def read(path: Path, kind: type[Result]) -> Result:
         NotAnArtifact: the file is none of dynid's, or is damaged.
     """
     artifact = read_artifact(path, SCHEMA)
-    h, a = dict(artifact.header), artifact.arrays
+    header, kinds = dict(artifact.header), get_type_hints(Identified, localns={"Stack": Any})
     with reading(path):
-        stored: dict[str, Any] = dict(h["result"])
-        full = {
-            **stored["physical"],
-            **_without("full_", a),
-            "names": tuple(stored["physical"]["names"]),
+        values = {
+            name: unpacked(kinds[name], stored, artifact.arrays)
+            for name, stored in header["result"].items()
         }
-        file = Path(h["robot_path"])
-        robot = parse_robot(h["robot_file"], file)
-        known: dict[str, Any] = {"source": typed(file)} if h["robot_path"] else {"path": None}
-        values: dict[str, Any] = {key: stored[key] for key in SCALARS}
-        values |= {key: a[key] for key in ARRAYS}
-        result = kind(
-            robot=replace(robot, estimated_coulomb=coulomb_of(h), **known),
-            reduction=reduction_from(h["reduction"], a),
-            fit=Fit(stored["method"], *(a[key] for key in FIT)),
-            joints=tuple(JointQuality(**row) for row in stored["joints"]),
-            expected=ExpectedError.of(stored["expected"]),
-            **values,
-            knowledge=tuple(stored["knowledge"]),
-            physical=PhysicalParameters(**full),
-            model_error=None
-            if stored["model_error_evidence"] is None
-            else ModelError(**_without("error_", a), evidence=stored["model_error_evidence"]),
-            findings=tuple(Finding(**row) for row in h["findings"]),
-            motions=tuple(
-                a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a
-            ),
-            header=h,
-            path=path,
-        )
-        if len(result.joints) != result.robot.n:
+        file = Path(header["robot_path"])
+        robot = parse_robot(header["robot_file"], file)
+        known: dict[str, Any] = {"source": typed(file)} if file.name else {"path": None}
+        coulomb = unpacked(Coulomb | None, header.get("coulomb"), {})
+        robot = replace(robot, estimated_coulomb=coulomb, **known)
+        result = kind(robot=robot, header=header, path=path, **values)
+        if len(result.joints) != robot.n:
             raise ValueError("its joints do not match its robot")
-        if {result.reduction.names, result.physical.names} != {parameter_names(result.robot)}:
+        if {result.reduction.names, result.physical.names} != {parameter_names(robot)}:
             raise ValueError("its parameters do not match its robot")
     return result
-
-
-def _without(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return arrays of a part of a result by their name in it."""
-    return {k.removeprefix(prefix): x for k, x in arrays.items() if k.startswith(prefix)}
 
 
 def _digits(value: float, error: float | None) -> float | None:

@@ -166,7 +166,7 @@ def _residual(arm: IdentifiedArm, error: ModelError) -> dict[str, Any]:
 # ---------------------------------------------------------------- loading it again
 def _loaded(arm: IdentifiedArm, engine: str, theirs: Any) -> Loaded:  # noqa: ANN401
     model, base, error = arm.base.model, arm.base.reduction.base, arm.predicted_error
-    gone = {c.parameter.name for a in model.added if why_not_code(a) for c in a.columns}
+    gone = {name for each in model.added if why_not_code(each) for name in each.names}
     held = np.array([name not in gone for name in arm.base.reduction.base_names])
 
     def ours(q: Floats, qd: Floats, qdd: Floats) -> Floats:

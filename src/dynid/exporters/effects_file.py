@@ -80,7 +80,7 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
 def own_values(arm: IdentifiedArm) -> dict[str, float]:
     """Return the parameters by name that files with this one hold."""
     simulation = simulated(arm)
-    of_arm = [column.parameter.name for added in simulation.arm_effects for column in added.columns]
+    of_arm = [name for added in simulation.arm_effects for name in added.names]
     values = numbers_of(arm, "Im", "fv", "fc", "fo")
     values |= {column.name: size for column, size in simulation.columns}
     return values | dict(zip(of_arm, arm.full.values(of_arm), strict=True))

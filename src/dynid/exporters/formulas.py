@@ -56,8 +56,8 @@ def columns_of(added: Added) -> list[Column]:
     """Return the columns of an effect as formulas, none where it has no formula."""
     # Signals of a pair belong to the neighbour, or to the joint that the torque leaks from.
     return [
-        Column(added, column.parameter.name, added.joints[0], _placed(node, added.joints[-1] + 1))
-        for column, node in zip(added.columns, added.effect.nodes(added.shape), strict=False)
+        Column(added, name, added.joints[0], _placed(node, added.joints[-1] + 1))
+        for name, node in zip(added.names, added.effect.nodes(added.shape), strict=False)
     ]
 
 

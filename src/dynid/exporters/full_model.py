@@ -14,7 +14,6 @@ from dynid.arrays import Floats
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.possible_set import body_parameters, pseudo_inertia, smallest_eigenvalues
 from dynid.model.base_model import BaseModel
-from dynid.model.effects.catalogue import Added
 from dynid.model.parameters import BODY_PARAMETERS, body_of, prior_bodies
 from dynid.robot import Body, Robot
 
@@ -58,10 +57,6 @@ class FullModel:
         """Return the parameters of the given names, zero where there is none."""
         known = self.by_name
         return np.array([known.get(name, 0.0) for name in names])
-
-    def sizes(self, added: Added) -> list[float]:
-        """Return the sizes of an effect."""
-        return list(map(float, self.values([one.parameter.name for one in added.columns])))
 
     def of_joints(self, kind: str) -> Floats:
         """Return a number of all joints, such as ``Im`` or ``fv``, zero where a joint has none, (n,)."""

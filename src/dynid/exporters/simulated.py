@@ -66,7 +66,7 @@ def simulated(arm: IdentifiedArm) -> Simulated:
     in_numbers, arm_effects = [], []
     columns: list[tuple[Column, float]] = []
     for added in arm.base.model.added:
-        target, sizes = added.effect.more_of, arm.full.sizes(added)
+        target, sizes = added.effect.more_of, arm.full.values(added.names).tolist()
         if target:
             in_numbers.append(f"{phrase(added, names)}: {NUMBERS[target]}")
         if target == "body":
@@ -98,5 +98,5 @@ def numbers_of(arm: IdentifiedArm, *kinds: str) -> dict[str, float]:
     names = [name for name in known if name.rstrip("0123456789") in (*BODY_PARAMETERS, *kinds)]
     for added in arm.base.model.added:
         if added.effect.more_of in ("body", *kinds):
-            names += [column.parameter.name for column in added.columns]
+            names += added.names
     return {name: known.get(name, 0.0) for name in names}

@@ -6,12 +6,14 @@ The header holds schema, dynid version, command line, seed, sha256 of every inpu
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
+import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
@@ -119,3 +121,43 @@ def read_header(path: Path) -> dict[str, Any]:
 def kind_of(path: Path) -> str:
     """Return what a result file holds, such as ``dynid/log``; empty when it is none."""
     return str(read_header(path).get("schema", "")).rpartition("/")[0]
+
+
+# ---------------------------------------------------------------- values of dataclasses
+def packed(value: Any, arrays: dict[str, NDArray[Any]], name: str) -> Any:  # noqa: ANN401
+    """Return a value as a header has it: the names of its arrays stand in their places.
+
+    Args:
+        value: plain values, arrays, and dataclasses, mappings and sequences of these.
+        arrays: where its arrays go, each under the place that it has in the value.
+        name: of the value.
+    """
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return name
+    if is_dataclass(value):
+        value = {each.name: getattr(value, each.name) for each in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: packed(each, arrays, f"{name}.{key}") for key, each in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [packed(each, arrays, f"{name}.{k}") for k, each in enumerate(value)]
+    return value
+
+
+def unpacked(kind: Any, stored: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:  # noqa: ANN401
+    """Return the value of a type that ``packed`` was given; sequences come back as tuples."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is np.ndarray:
+        return arrays[stored]
+    if origin is UnionType:
+        return None if stored is None else unpacked(inner[0], stored, arrays)
+    if isinstance(kind, type) and is_dataclass(kind):
+        hints = get_type_hints(kind)
+        return kind(**{key: unpacked(hints[key], each, arrays) for key, each in stored.items()})
+    if origin is Mapping:
+        return {key: unpacked(inner[1], each, arrays) for key, each in stored.items()}
+    if origin in (tuple, Sequence):
+        several = inner if origin is tuple and inner[1:] != (...,) else inner[:1] * len(stored)
+        pairs = zip(several, stored, strict=True)
+        return tuple(unpacked(each, value, arrays) for each, value in pairs)
+    return stored

@@ -15,6 +15,7 @@ from dynid.estimation.stack import Stack, stack_logs, with_settled_effects
 from dynid.files.robotfile import text_of
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.effects.catalogue import delay_of
 from dynid.model.reduce import with_added
 from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
@@ -63,9 +64,7 @@ def stacked_with(
         earlier: conditioned logs of a time when the effects were not there yet.
     """
     added = with_specs(base, specs)
-    delay = sum(
-        spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay"
-    )
+    delay = delay_of(specs)
     late = [
         replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
     ]
@@ -76,7 +75,7 @@ def stacked_with(
 
 def _before(log: ConditionedLog, base: BaseModel, added: BaseModel) -> ConditionedLog:
     """Return a log of a time when the effects that were added were not there: their columns are zero."""
-    known = sum(len(column.rows) for one in base.model.added for column in one.columns)
+    known = sum(len(one.rows) * len(one.parameters) for one in base.model.added)
     log = with_effects(log, added.model)
     for segment in log.segments:
         segment.effects[:, known:] = 0.0

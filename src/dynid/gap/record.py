@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arrays import Floats
-from dynid.files.artifact import read_artifact, reading
-from dynid.gap import held_out, localisation, selected_effects
+from dynid.files.artifact import packed, read_artifact, reading, unpacked
 from dynid.gap.analysis import GapAnalysis
 from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement, clue, held_out_effects
 from dynid.gap.localisation import JointGap
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.verdict import LIKELY, explained_share, joints_text, labels, unrepeatable
+from dynid.judgement.evidence import EffectEvidence, Event, GapEvidence
+from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.motion import Joints
 from dynid.npz import write_artifact
 from dynid.robot import Robot
@@ -115,6 +118,41 @@ class GapEffect:
             texts.append(f"{name} = {value:.4g}{error} {self.units.get(name, '')}".strip())
         return texts
 
+    def evidence(self, *, named: bool, delay: float) -> EffectEvidence:
+        """Return the effect as the judgement takes it.
+
+        Args:
+            named: whether it is proved.
+            delay: by how much the searched model moves torques back [s].
+        """
+
+        def title(name: str) -> str:
+            return CATALOGUE[name].title if name in CATALOGUE else name
+
+        sizes = []
+        for name, value in self.values.items():
+            error = self.std_errors.get(name, 0.0)
+            known = error if math.isfinite(error) else None
+            sizes.append((name, value, known, self.units.get(name, "")))
+        late = self.values.get("delay", 0.0) if self.effect == "torque_delay" else 0.0
+        rivals = (text.partition(" on ") for text in self.rivals)
+        return EffectEvidence(
+            title=title(self.effect),
+            where=self.where,
+            effect=self.effect,
+            sizes=tuple(sizes),
+            named=named,
+            probability=self.probability,
+            joint=self.joint,
+            before=self.rms_before,
+            after=self.rms_after,
+            unit=self.unit,
+            why_not=self.why_not,
+            # Whether most of a delay is known to the model.
+            corrected=named and abs(late - delay) < 0.5 * abs(late),
+            rivals=tuple(f"{title(rival)} on {where}" for rival, _, where in rivals),
+        )
+
 
 @dataclass(frozen=True)
 class GapRecord:
@@ -151,8 +189,9 @@ class GapRecord:
         kept: error of the model as it was on the new logs [%]; None where its own logs were searched.
         expected: error that was expected there [%].
         kept_rms: error of each joint of that model there, (n,) [N m or N].
-        events: disturbances that happened once: log, joint, start and end [s], size and its unit.
+        events: disturbances that happened once.
         flags: what was asked for, as words of a command: ``("--effects", "spring")``; none for the defaults.
+        delay: by how much the searched model moves torques back [s].
     """
 
     robot: str
@@ -184,13 +223,45 @@ class GapRecord:
     kept: float | None = None
     expected: float | None = None
     kept_rms: tuple[float, ...] = ()
-    events: tuple[dict[str, Any], ...] = ()
+    events: tuple[Event, ...] = ()
     flags: tuple[str, ...] = ()
+    delay: float = 0.0
 
     def drawn(self) -> list[tuple[GapEffect, HeldOutEffect]]:
         """Return the named effects that have a torque of their own, each with its curve."""
         effects = [one for one in self.named if one.effect != "torque_delay"]
         return list(zip(effects, self.curves, strict=False))
+
+    @property
+    def found(self) -> GapEvidence:
+        """What was found as the judgement takes it."""
+        errors, nothing = self.improvement, self.verdict.startswith("nothing")
+        named, closest = (
+            tuple(one.evidence(named=proved, delay=self.delay) for one in effects)
+            for effects, proved in ((self.named, True), (self.closest, False))
+        )
+        return GapEvidence(
+            question=self.question,
+            ambiguous=self.verdict == "ambiguous",
+            # Why not beside "nothing": what was looked at and is none, such as a delay below the sampling, is no
+            # finding.
+            effects=named if nothing else named + closest,
+            joints=self.joint_names,
+            before=tuple(errors.before.tolist()),
+            after=tuple(errors.after.tolist()),
+            noise=tuple(errors.floor.tolist()),
+            known=tuple(errors.known.tolist()),
+            repeats=self.repeats > 0.0,
+            more=self.more,
+            unrepeatable=self.not_repeatable,
+            events=self.events,
+            kept=self.kept,
+            expected=self.expected,
+            kept_rms=self.kept_rms,
+            logs=tuple(filter(None, self.logs)),
+            flags=self.flags,
+            instead=tuple(one for one in closest if nothing and one.effect == "counterbalance"),
+        )
 
 
 def new_name(robot: Robot, effects: Sequence[GapEffect]) -> str:
@@ -256,18 +327,18 @@ def record_of(
     )
 
 
-def _events(analysis: GapAnalysis, robot: Robot) -> list[dict[str, Any]]:
+def _events(analysis: GapAnalysis, robot: Robot) -> list[Event]:
     """Return what happened once, the loudest first."""
     paths = {log.name: log.path for log in analysis.logs}
     return [
-        {
-            "log": paths.get(one.log) or one.log,
-            "joint": robot.joint_names[one.joint],
-            "start": one.start,
-            "end": one.end,
-            "size": one.size,
-            "unit": robot.joints[one.joint].torque_unit,
-        }
+        Event(
+            log=paths.get(one.log) or one.log,
+            joint=robot.joint_names[one.joint],
+            start=one.start,
+            end=one.end,
+            size=one.size,
+            unit=robot.joints[one.joint].torque_unit,
+        )
         for one in sorted(analysis.search.strays, key=lambda one: -one.power)
     ]
 
@@ -319,27 +390,16 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]
     return source, note
 
 
-#: What of a record is stored as arrays: the fields of its held-out improvement, and of its curves.
-_IMPROVEMENT = ("before", "after", "ratio", "floor", "known")
-_CURVE = ("data", "torque", "against")
-
-
 def write_record(path: Path, record: GapRecord) -> None:
     """Write gap.npz."""
+    arrays: dict[str, NDArray[Any]] = {}
+    names = [each.name for each in fields(GapRecord)]
     facts = {
-        each.name: _stored(getattr(record, each.name))
-        for each in fields(GapRecord)
-        if each.name not in ("improvement", "simulation", "curves")
+        "record": {name: packed(getattr(record, name), arrays, name) for name in names},
+        # Why again: what is judged is read without anything of the search.
+        "evidence": packed(record.found, arrays, "evidence"),
     }
-    arrays = {name: getattr(record.improvement, name) for name in _IMPROVEMENT}
-    arrays |= {"simulation": record.simulation}
-    arrays |= {
-        f"curve_{k}_{name}": getattr(one, name)
-        for k, one in enumerate(record.curves)
-        for name in _CURVE
-    }
-    facts |= {"curves": [one.follows for one in record.curves]}
-    write_artifact(path, SCHEMA, {"record": facts}, arrays)
+    write_artifact(path, SCHEMA, facts, arrays)
 
 
 def read_record(path: Path) -> GapRecord:
@@ -350,41 +410,10 @@ def read_record(path: Path) -> GapRecord:
     """
     artifact = read_artifact(path, SCHEMA)
     with reading(path):
-        facts, arrays = dict(artifact.header["record"]), artifact.arrays
-        facts["improvement"] = {name: arrays[name] for name in _IMPROVEMENT}
-        facts["simulation"] = arrays["simulation"]
-        facts["curves"] = [
-            {name: arrays[f"curve_{k}_{name}"] for name in _CURVE} | {"follows": follows}
-            for k, follows in enumerate(facts["curves"])
-        ]
-        record: GapRecord = _read_as(GapRecord, facts)
+        stored = artifact.header["record"]
+        record: GapRecord = unpacked(GapRecord, stored, artifact.arrays)
         _require_one_arm(record)
     return record
-
-
-def _stored(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as JSON has it: mappings as pairs, because a header is sorted."""
-    if is_dataclass(value):
-        return {each.name: _stored(getattr(value, each.name)) for each in fields(value)}
-    if isinstance(value, tuple):
-        return [each if isinstance(each, dict) else _stored(each) for each in value]
-    return list(value.items()) if isinstance(value, Mapping) else value
-
-
-def _read_as(kind: Any, stored: Any) -> Any:  # noqa: ANN401
-    """Return what ``_stored`` made of a value of some type."""
-    origin, inner = get_origin(kind), get_args(kind)
-    if isinstance(kind, type) and is_dataclass(kind):
-        names = {**vars(selected_effects), **vars(localisation)}
-        hints = get_type_hints(kind, localns=names | vars(held_out))
-        return kind(**{name: _read_as(hints[name], value) for name, value in stored.items()})
-    if origin is tuple and len(inner) == 2 and inner[1] is not ...:
-        return tuple(_read_as(*pair) for pair in zip(inner, stored, strict=True))
-    if origin is tuple:
-        return tuple(_read_as(inner[0], each) for each in stored)
-    if origin is Mapping:
-        return {name: _read_as(inner[1], value) for name, value in stored}
-    return stored
 
 
 def _require_one_arm(record: GapRecord) -> None:

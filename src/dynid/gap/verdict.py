@@ -25,8 +25,8 @@ SAMPLING = 0.3
 PART = 0.9
 #: Chance above which the 95 % interval of an effect holds zero.
 OPEN = 0.05
-#: How far below zero the smallest second moment of a load's mass may be, as a share of the largest: it is hardly ever
-#: known as well.
+#: How far below zero the smallest second moment of a load's mass may be, as a share of the largest, beyond
+#: two standard errors: a load that is small beside its distance has none.
 BODY = 0.1
 #: A shape below so many times the least of its range lies at its end: all wrong ones did within 1.02.
 AT_END = 1.03
@@ -126,10 +126,10 @@ def possible(one: SelectedEffect) -> bool:
     if one.name != "payload" or one.values["form"] < len(parameters):
         return True
     P = np.sign(parameters[0]) * pseudo_inertia(np.array(parameters))
-    if P[3, 3] <= 0:
-        return False
     spread = np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3])
-    return bool(spread[0] >= -BODY * spread[-1])
+    # Two standard errors: a second moment is half of what two moments of inertia are more than the third.
+    errors = [one.std_errors[name] for name in ("Ixx", "Iyy", "Izz")]
+    return bool(spread[0] >= -BODY * spread[-1] - np.linalg.norm(errors))
 
 
 def _louder(search: EffectSearch) -> float:

@@ -266,7 +266,6 @@ class Evidence:
         reach: length of all links together [m].
         known: share of the parameters that are known as well as the torques need.
         open: number of parameters that the logs do not determine.
-        seconds: length of the logs.
         gap: what a search for missing effects found.
         changes: numbers that changed since an earlier result, the surest first; None where there is no earlier one
             with the same parameters.
@@ -292,7 +291,6 @@ class Evidence:
     reach: float | None = None
     known: float | None = None
     open: int | None = None
-    seconds: float | None = None
     gap: GapEvidence | None = None
     changes: tuple[Change, ...] | None = None
     earlier: str = ""
@@ -428,14 +426,14 @@ def unless_good(state: str, text: str) -> Fact:
     return state, "" if state == "good" else text
 
 
-def shown(percent: float) -> str:
-    """Return a share in percent as it is said: two digits, and whole numbers from a hundred on."""
-    return f"{percent:.0f}" if percent >= 99.5 else f"{percent:.2g}"
+def shown(number: float) -> str:
+    """Return a share in percent or a ratio as it is said: two digits, and whole numbers from a hundred on."""
+    return f"{number:.0f}" if number >= 99.5 else f"{number:.2g}"
 
 
 def over_noise(times: float) -> str:
     """Return how far an error is from its noise, in words."""
-    return "at its noise" if times <= tuning.AT_NOISE else f"{times:.2g} times its noise"
+    return "at its noise" if times <= tuning.AT_NOISE else f"{shown(times)} times its noise"
 
 
 def joint_state(joint: JointEvidence) -> str:
@@ -522,14 +520,12 @@ def _unseen(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _knowledge(evidence: Evidence) -> Iterator[Fact]:
-    """Too little is no more than fair, because errors on other motions show the rest."""
+    """Little is no more than fair, because errors on other motions show the rest; hardly anything is bad."""
     if evidence.known is not None:
         text = (
             f"{100 * evidence.known:.0f} % of the parameters determined well enough for the torques"
         )
-        yield "good" if evidence.known >= tuning.KNOWN else "fair", text
-    if evidence.seconds is not None and evidence.seconds < tuning.SECONDS:
-        yield "fair", f"only {evidence.seconds:.2g} s of motion"
+        yield grade(1.0 - evidence.known, tuning.OPEN_SHARE), text
 
 
 def _physics(evidence: Evidence) -> Iterator[Fact]:

@@ -231,7 +231,7 @@ def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]
         yield f"The expected relative torque error was {unseen.expected:.2g} %."
     if far := farthest(unseen, e):
         joint, error, times = far
-        so_many = "" if times <= tuning.AT_NOISE else f", {times:.2g} times that"
+        so_many = "" if times <= tuning.AT_NOISE else f", {shown(times)} times that"
         noise = f"(noise {joint.floor or 0.0:.3g}{e.or_more}{so_many})"
         yield f"Largest residual relative to noise: {joint.joint}, {error:.3g} {joint.unit} {noise}."
 
@@ -272,7 +272,7 @@ def warnings(e: Evidence) -> Iterator[str]:
         and most.log in e.gap_evidence.logs
     )
     if most and times > tuning.EXPECTED[0] and not at_noise(most, e) and not known:
-        yield f"Do not rely on the expected error: on {most.name} it was {times:.2g} times too small."
+        yield f"Do not rely on the expected error: on {most.name} it was {shown(times)} times too small."
     if e.gap is not None and not e.gap.repeats:
         yield "The noise is a lower bound, because no motion is repeated: record each motion twice."
     if e.states["physics"] == "bad" and e.physical:

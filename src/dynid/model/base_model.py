@@ -27,7 +27,7 @@ from dynid.robot import FRICTION_PARAMETERS, LINK_PARAMETERS, Robot
 from dynid.table import Table
 
 #: What stands for a class in the table of classes.
-SYMBOLS = {"alone": "#", "combined": "+", "none": ".", "absent": ""}
+SYMBOLS = {"alone": "#", "combined": "+", "none": "."}
 
 
 @dataclass(frozen=True, repr=False)

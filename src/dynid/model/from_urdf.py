@@ -202,9 +202,8 @@ def _common_normal(
         normal = between / np.linalg.norm(between)
     else:
         normal = normal / size
-        gap = point - origin
-        foot = origin + z * (np.cross(gap, other) @ np.cross(z, other)) / size**2
-        next_foot = point + other * (np.cross(gap, z) @ np.cross(z, other)) / size**2
+        along, back, _ = np.linalg.solve(np.transpose([z, other, normal]), point - origin)
+        foot, next_foot = origin + along * z, point - back * other
     return foot, next_foot, -normal if normal @ x < -tuning.ZERO_LENGTH_M else normal
 
 

@@ -133,13 +133,11 @@ def fixed_poses(joint: Joint, convention: str) -> tuple[Floats, Floats]:
     """
     d_before, d_after = (0.0, joint.d) if joint.revolute else (joint.d, 0.0)
     turned, still = (math.cos(joint.theta_offset), math.sin(joint.theta_offset)), (1.0, 0.0)
-    twist = (math.cos(joint.twist), math.sin(joint.twist))
-    if convention == "standard":
-        return pose_of(*dh_step(convention, turned, still, 0.0, d_before)), pose_of(
-            *dh_step(convention, still, twist, joint.a, d_after)
-        )
-    return pose_of(*dh_step(convention, turned, twist, joint.a, d_before)), pose_of(
-        *dh_step(convention, still, still, 0.0, d_after)
+    none, bent = (still, 0.0), ((math.cos(joint.twist), math.sin(joint.twist)), joint.a)
+    before, after = (none, bent) if convention == "standard" else (bent, none)
+    return (
+        pose_of(*dh_step(convention, turned, *before, d_before)),
+        pose_of(*dh_step(convention, still, *after, d_after)),
     )
 
 

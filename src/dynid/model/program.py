@@ -9,6 +9,7 @@ run on blocks of samples that stay in the processor's cache.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import compress
@@ -26,9 +27,9 @@ Ints = NDArray[np.int32]
 ADD, SUB, MUL, NEG = range(4)
 #: The operations on plain numbers.
 FOLD: dict[int, Callable[[float, float], float]] = {
-    ADD: lambda a, b: a + b,
-    SUB: lambda a, b: a - b,
-    MUL: lambda a, b: a * b,
+    ADD: operator.add,
+    SUB: operator.sub,
+    MUL: operator.mul,
     NEG: lambda a, _: -a,
 }
 UFUNC: dict[int, Any] = {ADD: np.add, SUB: np.subtract, MUL: np.multiply}

@@ -74,12 +74,7 @@ def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, 
     return q, qd, qdd
 
 
-def reduce(model: Model, *, seed: int = 0) -> Reduction:
-    """Find the base parameters of a model by singular values on random states, and those of added effects."""
-    return with_added(reduce_without_effects(model, seed=seed), model)
-
-
-def reduce_without_effects(
+def reduce(
     model: Model,
     *,
     samples: int = 200,

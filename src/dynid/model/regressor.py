@@ -75,7 +75,7 @@ class Model:
     def parameters(self) -> tuple[Parameter, ...]:
         """What each column stands for, (c)."""
         links = link_parameters(self.robot)
-        added = (column.parameter for effect in self.added for column in effect.columns)
+        added = (parameter for effect in self.added for parameter in effect.parameters)
         return (*(links[k] for k in self.link_columns), *self.friction, *added)
 
     @property
@@ -156,7 +156,7 @@ class Observer:
         self._rigid = evaluator(program, robot, samples)
         own, last = np.flatnonzero(own_column & ~rigid), np.flatnonzero(~own_column)
         self._friction = [model.friction[k - len(links)] for k in columns[own]]
-        added = [column.rows for effect in model.added for column in effect.columns]
+        added = [effect.rows for effect in model.added for _ in effect.parameters]
         edges = np.cumsum([0, *map(len, added)])
         wanted = columns[last] - model.size_without_effects
         self.added_entries = _joined([np.arange(edges[c], edges[c + 1]) for c in wanted])
@@ -344,21 +344,9 @@ class ModelTorques:
         links = np.zeros((self._model.robot.n, 11))
         rigid = self._model.link_columns
         links.flat[rigid] = self._values[: len(rigid)]
-        size = float(np.linalg.norm(self._model.robot.gravity))
-        return self._held(links[:, :10], size * np.eye(3)[axis], q)
-
-    def tip_force(self, q: Floats, axis: int) -> Floats:
-        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
-        # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
-        links = np.zeros((self._model.robot.n, 10))
-        links[-1, 0] = 1.0
-        return self._held(links, np.eye(3)[axis], q)
-
-    def _held(self, links: Floats, gravity: Floats, q: Floats) -> Floats:
-        """Return the torques that hold links, (n, 10), under another gravity in frame 0, (3,) [m/s^2]."""
-        x, y, z = gravity.tolist()
-        there, still = replace(self._model.robot, gravity=(x, y, z)), np.zeros_like(q)
-        return body_torques(there, links.ravel(), q, still, still)
+        gravity = np.linalg.norm(self._model.robot.gravity) * np.eye(3)[axis]
+        there, still = replace(self._model.robot, gravity=tuple(gravity.tolist())), np.zeros_like(q)
+        return body_torques(there, links[:, :10].ravel(), q, still, still)
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
@@ -385,11 +373,6 @@ def prior_vector(model: Model) -> Floats:
     )
 
 
-def prior_torques(model: Model) -> ModelTorques:
-    """Return the torques of the prior, without friction."""
-    return ModelTorques(model, prior_vector(model))
-
-
 # ---------------------------------------------------------------- mass matrix
 #: Inverse dynamics (q, qd, qdd) -> tau, all (N, n); linear in qdd.
 Torque = Callable[[Floats, Floats, Floats], Floats]
@@ -414,10 +397,10 @@ def mass_matrices(torque: Torque, q: Floats) -> Floats:
     return np.stack(columns, axis=2)
 
 
-def random_poses(robot: Robot, poses: int = 1000, seed: int = 0) -> Floats:
+def random_poses(robot: Robot, poses: int) -> Floats:
     """Return poses within the limits, one turn where there are none, (poses, n) [rad or m]."""
     low, high = robot.travel((-np.pi, np.pi), (-0.5, 0.5))
-    return np.random.default_rng(seed).uniform(low, high, (poses, robot.n))
+    return np.random.default_rng(0).uniform(low, high, (poses, robot.n))
 
 
 def indefinite_share(torque: Torque, q: Floats) -> float:

@@ -34,7 +34,7 @@ from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
 from dynid.model.kinematics import dh_step, geometry, right_angle
 from dynid.model.parameters import TENSOR
-from dynid.model.reduce import Reduction, reduce_without_effects, with_added
+from dynid.model.reduce import Reduction, reduce, with_added
 from dynid.model.regressor import Model
 
 #: A column as a combination of others, by their places; shares without a formula are plain numbers.
@@ -63,12 +63,12 @@ def base_parameters(
 ) -> Reduction:
     """Find the base parameters of a model, with a formula for each relation.
 
-    Args: as for ``reduce_without_effects``.
+    Args: as for ``reduce``.
 
     Raises:
         ReductionsDisagree: the singular values leave the rank open.
     """
-    reduction = reduce_without_effects(model, samples=samples, seed=seed, tolerance=tolerance)
+    reduction = reduce(model, samples=samples, seed=seed, tolerance=tolerance)
     values, rank = reduction.singular_values / reduction.singular_values[0], reduction.rank
     if rank < len(values) and values[rank] > tuning.ROUNDED_VALUE:
         shown = ", ".join(f"{k}: {values[k - 1]:.1e}" for k in range(rank - 1, rank + 3))
@@ -93,7 +93,7 @@ def relations_of(
         reduction: its base parameters by numbers, without those of added effects; None finds them.
         still: whether they are those of the torques at rest.
     """
-    reduction = reduction or reduce_without_effects(model, still=still)
+    reduction = reduction or reduce(model, still=still)
     rules, numbers = _rules(model, still), geometry(model.robot)
     base, columns, values = reduction.base.tolist(), list[Shares](), list[Floats]()
     for k, own in enumerate(reduction.K.T):
@@ -288,18 +288,17 @@ def _spelled(relation: Relation) -> str:
     return f"{base_name(relation)} = {_plain(Add(*parts, evaluate=False))}"
 
 
-def relations_text(relations: tuple[Relation, ...], *, alone: bool = False) -> str:
-    """Return all relations as text with the numbers behind their coefficients; those that stand alone too if wanted."""
+def relations_text(relations: tuple[Relation, ...]) -> str:
+    """Return all relations as text with the numbers behind their coefficients."""
     lines = []
     for relation in relations:
-        if len(relation) > 1 or alone:
-            values = {
-                _plain(share): terms[0].value
-                for share, terms in _gathered(relation)
-                if not share.is_Number
-            }
-            shown = ", ".join(f"{text} = {value:.6g}" for text, value in values.items())
-            lines.append(_spelled(relation) + (f"    [{shown}]" if values else ""))
+        values = {
+            _plain(share): terms[0].value
+            for share, terms in _gathered(relation)
+            if not share.is_Number
+        }
+        shown = ", ".join(f"{text} = {value:.6g}" for text, value in values.items())
+        lines.append(_spelled(relation) + (f"    [{shown}]" if values else ""))
     if missing := unnamed(relations):
         lines.append(f"{missing} coefficients have no formula and are given as numbers only")
     return "\n".join(lines)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -78,8 +78,7 @@ def gather(result: Identification) -> Gathered:
         if result.stack is None:
             return Gathered(result, result.judgement)
         motions = prediction.predict_logs(result.stack, result.theta)
-        columns = ([getattr(one, part.name) for one in motions] for part in fields(EstimatedMotion))
-        fitted = EstimatedMotion(*map(np.concatenate, columns))
+        fitted = prediction.concatenated(motions)
         return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.factors))
     run, robot = RunFolder.of(result.path), result.robot
     record = read_record(run.search) if run.search.is_file() else None

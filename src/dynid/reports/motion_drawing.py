@@ -37,7 +37,7 @@ def draw_motion(
     """Write the still and the animation of a motion, whole or not at all.
 
     Args:
-        drawing: where to, and the title.
+        drawing: where to.
         trajectory: the motion.
         capsules: the arm and its surroundings.
         pictures: PyBullet's, spread over the motion; lines are drawn in place of none.
@@ -47,7 +47,7 @@ def draw_motion(
     pictures = pictures or _sketched(trajectory, capsules)
     if drawing.picture is not None:
         some = np.linspace(0, len(pictures) - 1, STILLS).round().astype(int)
-        sheet = _sheet(drawing.title, trajectory, capsules.robot, [pictures[k] for k in some])
+        sheet = _sheet(trajectory, capsules.robot, [pictures[k] for k in some])
         with written_whole(drawing.picture) as stream:
             sheet.print_png(stream)
     if drawing.animation is not None:
@@ -64,13 +64,13 @@ def _canvas(width: float, height: float) -> Any:  # noqa: ANN401
     return FigureCanvasAgg(Figure(figsize=(width, height), dpi=DPI))
 
 
-def _sheet(title: str, trajectory: Trajectory, robot: Robot, pictures: Sequence[Picture]) -> Any:  # noqa: ANN401
+def _sheet(trajectory: Trajectory, robot: Robot, pictures: Sequence[Picture]) -> Any:  # noqa: ANN401
     """Draw pictures above the traces of all joints, with lines at their times; return the canvas."""
     rows = -(-len(pictures) // COLUMNS)
     canvas = _canvas(COLUMNS * WIDE, rows * HIGH + TRACES)
     figure = canvas.figure
     figure.set_layout_engine("constrained")
-    figure.suptitle(title)
+    figure.suptitle(f"{robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s")
     grid = figure.add_gridspec(rows + 1, COLUMNS, height_ratios=[*[HIGH] * rows, TRACES])
     motion = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
     (lower, upper), traces = position_range(robot), figure.add_subplot(grid[rows, :])

@@ -23,7 +23,7 @@ from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.motion import ArmMotion, ReferenceTorques
-from dynid.model.regressor import Model, prior_torques, prior_vector
+from dynid.model.regressor import Model, ModelTorques, prior_vector
 from dynid.progress import notice, stage
 from dynid.robot import Coulomb
 from dynid.signals import tuning
@@ -333,7 +333,7 @@ def condition_log(
         signs = signs_of_shapes(
             clean, chosen, sharp, [robot.coulomb_shape], measured_velocity=measured_velocity
         )
-    late = delay + delay_of(robot)
+    late = delay + delay_of(robot.effects)
     segments = [
         segment_without_delay(_without_rests(replace(s, coulomb_sign=sign[..., 0]), rest), late)
         for s, sign in zip(segments, signs, strict=True)
@@ -473,7 +473,7 @@ def with_effects(
     """
     if not model.added:
         return log
-    reference = reference or prior_torques(model)
+    reference = reference or ModelTorques(model, prior_vector(model))
     motions = [arm_motion(segment, log.filter, model, reference) for segment in log.segments]
     segments = [
         replace(s, effects=model.added_entries(c).T)

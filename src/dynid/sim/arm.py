@@ -162,18 +162,17 @@ class SimulatedRun:
     q_ref: Floats
 
 
-def track(arm: SimulatedArm, motion: Motion, every: int = 1) -> SimulatedRun:
+def track(arm: SimulatedArm, motion: Motion) -> SimulatedRun:
     """Let an arm follow a motion.
 
     Args:
         arm: the arm; it is put at the motion's first state.
         motion: sampled at the steps of the arm's physics, ``arm.dt`` apart.
-        every: keep every so many steps.
     """
     arm.reset(motion.q[0], motion.qd[0])
     rows = []
     for target in zip(motion.q, motion.qd, motion.qdd, strict=True):
         rows.append((*arm.state(), arm.computed_torque(target)))
         arm.step(rows[-1][2])
-    q, qd, tau = (np.array(part) for part in zip(*rows[::every], strict=True))
-    return SimulatedRun(motion.t[::every], q, qd, tau, motion.q[::every])
+    q, qd, tau = (np.array(part) for part in zip(*rows, strict=True))
+    return SimulatedRun(motion.t, q, qd, tau, motion.q)

@@ -72,15 +72,14 @@ def position_range(robot: Robot) -> tuple[Floats, Floats]:
     return robot.travel(tuning.ENDLESS_RANGE_RAD, tuning.SLIDE_RANGE_M)
 
 
-def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) -> Bounds:
+def bounds(robot: Robot, margin: float = 0.0) -> Bounds:
     """Return the limits of a robot with margins.
 
     Args:
         robot: the arm.
-        margin: share of the range that is left free, half at each end.
-        rate_margin: share taken off velocity, acceleration and torque; ``margin`` when None.
+        margin: share of every limit that is left free; of a range half at each end.
     """
-    rest = 1 - (margin if rate_margin is None else rate_margin)
+    rest = 1 - margin
     lower, upper = position_range(robot)
     off = margin * (upper - lower) / 2
     velocity = robot.limits("velocity", tuning.DEFAULT_VELOCITY)

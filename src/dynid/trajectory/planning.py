@@ -36,9 +36,11 @@ from dynid.trajectory.predict import default_noise, held_out
 from dynid.trajectory.preview import (
     FRAMES,
     STILLS,
+    Draw,
     Drawing,
-    measure_trajectory,
+    measure_poses,
     photographs,
+    poses_of,
     require_clear,
 )
 from dynid.trajectory.scene import Distance
@@ -299,6 +301,7 @@ def require_clear_motion(
     trajectory: Trajectory,
     urdf: Path | None,
     drawing: Drawing,
+    draw: Draw,
     *,
     given: bool = True,
 ) -> Clearance:
@@ -309,6 +312,7 @@ def require_clear_motion(
         trajectory: the motion.
         urdf: the user's own shapes; cylinders along the DH table when None.
         drawing: what to draw.
+        draw: draws it.
         given: whether a person gave the motion, who wants to see it also when it is refused.
 
     Raises:
@@ -318,7 +322,7 @@ def require_clear_motion(
     robot, scene = context.robot, context.options.scene
     missing = False
     try:
-        distances = measure_trajectory(trajectory, robot, urdf, scene)
+        distances = measure_poses(*poses_of(trajectory), robot, urdf, scene)
     except PackageMissing:
         if drawing.needed:
             raise
@@ -326,22 +330,21 @@ def require_clear_motion(
         drawing = replace(drawing, animation=None)
     paths = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
 
-    def draw() -> None:
+    def show() -> None:
         if paths:
-            assert drawing.draw is not None
             stage("draw")
             count = FRAMES if drawing.animation else STILLS
             pictures = [] if missing else photographs(trajectory, robot, urdf, scene, count)
-            drawing.draw(drawing, trajectory, context.capsules, pictures)
+            draw(drawing, trajectory, context.capsules, pictures)
 
     fix = clearance_fix(robot, guessed=urdf is None or missing)
     try:
         require_clear(distances, drawing.picture if given else None, fix)
     except Collision:
         if given:
-            draw()
+            show()
         raise
-    draw()
+    show()
     what = "PyBullet is missing: distances are those of capsules along the links, "
     what += "the picture is a drawing" if paths else "nothing was drawn"
     said = Finding("W605", "warning", what)

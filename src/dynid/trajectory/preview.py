@@ -28,7 +28,8 @@ from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.scene import Distance, Scene
 
-#: Draws a motion into the files of a ``Drawing``, with the arm's capsules and PyBullet's pictures.
+#: Draws a motion into the files of a ``Drawing``, with the arm's capsules and PyBullet's pictures; where PyBullet is
+#: missing, the still alone without any.
 Draw = Callable[["Drawing", Trajectory, Capsules, "Sequence[Picture]"], None]
 #: Pictures of an animation, and of a still.
 FRAMES, STILLS = 60, 6
@@ -41,25 +42,22 @@ class Drawing:
     Attributes:
         picture: path of the still; None for none.
         animation: path of the animated picture; None for none.
-        title: line above the pictures.
         needed: whether a missing PyBullet is an error.
-        draw: draws them; without pictures of PyBullet, where that is missing, the still alone.
     """
 
     picture: Path | None = None
     animation: Path | None = None
-    title: str = ""
     needed: bool = False
-    draw: Draw | None = None
 
 
-def measure_trajectory(
-    trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene
+def measure_poses(
+    t: Floats, q: Floats, robot: Robot, urdf: Path | None, scene: Scene
 ) -> tuple[Distance, ...]:
-    """Measure distances all along a motion.
+    """Measure distances at poses.
 
     Args:
-        trajectory: the motion.
+        t: times, (N,) [s].
+        q: poses in DH values, (N, n) [rad or m].
         robot: the arm.
         urdf: its shapes; may have other link frames, but must have the same joint axes. None for cylinders along the DH
             table, whose thickness nobody has measured.
@@ -72,13 +70,6 @@ def measure_trajectory(
         PackageMissing: PyBullet is not there.
         WrongUrdf: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    return measure_poses(*_poses(trajectory), robot, urdf, scene)
-
-
-def measure_poses(
-    t: Floats, q: Floats, robot: Robot, urdf: Path | None, scene: Scene
-) -> tuple[Distance, ...]:
-    """Measure distances at poses in DH values, (N, n) [rad or m], at times (N,) [s]; see ``measure_trajectory``."""
     near = 0.0 if urdf else scene.self_distance
     with _answered(t, q, robot, urdf, scene, near=near) as answer:
         distances: tuple[Distance, ...] = answer
@@ -94,7 +85,7 @@ def photographs(
         PackageMissing: PyBullet is not there.
         WrongUrdf: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    with _answered(*_poses(trajectory), robot, urdf, scene, pictures=count) as answer:
+    with _answered(*poses_of(trajectory), robot, urdf, scene, pictures=count) as answer:
         pictures: list[Picture] = answer
         return pictures
 
@@ -108,7 +99,7 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene
     """
     if not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
-    with _answered(*_poses(trajectory), robot, urdf, scene, window=True):
+    with _answered(*poses_of(trajectory), robot, urdf, scene, window=True):
         yield
 
 
@@ -151,7 +142,7 @@ def require_clear(
     raise Collision(what, where=picture or "", fix=fix)
 
 
-def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
+def poses_of(trajectory: Trajectory) -> tuple[Floats, Floats]:
     """Return times and poses that are measured, (N,) and (N, n)."""
     wanted = tuning.MEASURED_RATE_HZ * trajectory.basis.duration
     count = int(np.clip(wanted, 2, tuning.MOST_MEASURED_POSES)) + 1

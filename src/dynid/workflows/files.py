@@ -25,7 +25,8 @@ from dynid.model.from_urdf import import_arm
 from dynid.model.kinematics import tool_pose
 from dynid.options import LogOptions
 from dynid.robot import Robot, roll_pitch_yaw
-from dynid.signals.describe import LogSummary, describe
+from dynid.signals.columns import matching_columns
+from dynid.signals.describe import describe
 from dynid.text import shell
 from dynid.units import joint_unit
 from dynid.workflows.options import ImportOptions
@@ -223,60 +224,52 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
     raw = read_log(path, robot, options)
     log = checked_log(raw, robot, options)
     log = replace(log, findings=(*log.findings, *diagnose_logs([log], robot, options)))
-    summary, columns = describe(log, robot), describe(raw, robot)
+    numbers, (columns, ignored) = describe(log, robot), matching_columns(raw, robot)
     matched = f"taken in the order of the robot file: {', '.join(robot.log_names)}"
-    if columns.matched:
-        ignored = f"; ignored: {', '.join(columns.ignored)}" if columns.ignored else ""
-        matched = f"matched by name: {', '.join(columns.matched)}{ignored}"
+    if raw.names:
+        left = f"; ignored: {', '.join(ignored)}" if ignored else ""
+        matched = f"matched by name: {', '.join(raw.names[k] for k in columns)}{left}"
     facts = {
         "robot": robot.name,
         "topic": raw.topic,
         "joints": list(robot.joint_names),
-        "ignored": list(columns.ignored),
-        **picked(summary, "samples", "gaps", "least_moving", "velocity_slope", "torque_share"),
-        **picked(
-            summary,
-            duration_s="duration",
-            rate_hz="rate",
-            jitter_share="jitter",
-            longest_gap_s="longest_gap",
-            position_span_rad="span",
-            rms_velocity_rad_s="rms_velocity",
-            **{f"torque_max_{'a' if summary.torque_unit == 'A' else 'nm'}": "torque_max"},
-        ),
+        "ignored": ignored,
+        **numbers,
     }
     gaps = "no gaps"
-    if summary.gaps:
-        gaps = f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
-    rate = f"{summary.rate:.1f} Hz +-{100 * summary.jitter:.1f} %"
-    least = robot.joint_names.index(summary.least_moving)
+    if numbers["gaps"]:
+        gaps = f"{numbers['gaps']} gaps (longest {1e3 * numbers['longest_gap_s']:.0f} ms)"
+    rate = f"{numbers['rate_hz']:.1f} Hz +-{100 * numbers['jitter_share']:.1f} %"
+    least = robot.joint_names.index(numbers["least_moving"])
     unit = joint_unit("rad/s", revolute=robot.joints[least].revolute)
-    slowest = f"({summary.rms_velocity[least]:.2f} {unit} rms)"
+    slowest = f"({numbers['rms_velocity_rad_s'][least]:.2f} {unit} rms)"
     lines = (
-        ("log", f"{summary.samples} samples, {summary.duration:.1f} s, {rate}, {gaps}"),
+        ("log", f"{len(log)} samples, {log.duration:.1f} s, {rate}, {gaps}"),
         *([("topic", raw.topic)] if raw.topic else []),
         ("columns", matched),
-        ("units", _units(summary, robot)),
-        ("motion", f"{summary.least_moving} moves least {slowest}"),
+        ("units", _units(numbers, robot)),
+        ("motion", f"{numbers['least_moving']} moves least {slowest}"),
     )
     return Checked(str(path), "log", lines, facts, log.findings, robot, raw, log)
 
 
-def _units(summary: LogSummary, robot: Robot) -> str:
-    """Say the units of a log."""
+def _units(numbers: dict[str, Any], robot: Robot) -> str:
+    """Say the units of a log that was described."""
     kinds = sorted({joint.revolute for joint in robot.joints}, reverse=True)
     units = [("rad", "rad/s", "Nm") if kind else ("m", "m/s", "N") for kind in kinds]
     length, speed, effort = (" or ".join(names) for names in zip(*units, strict=True))
-    effort = "A" if summary.torque_unit == "A" else effort
-    slopes = [slope for slope in summary.velocity_slope if slope is not None]
-    shares = [share for share in summary.torque_share if share is not None]
+    currents = numbers.get("torque_max_a")
+    effort = "A" if currents else effort
+    slopes = [slope for slope in numbers["velocity_slope"] if slope is not None]
+    shares = [share for share in numbers["torque_share"] if share is not None]
     velocity = "not measured or not used"
     if slopes:
         velocity = f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}"
     rated = f", {100 * max(shares):.0f} % of the rating" if shares else ""
+    largest = max(currents or numbers["torque_max_nm"])
     return (
-        f"position {length} (span {max(summary.span):.1f})   velocity {speed} ({velocity})   "
-        f"torque {effort} (max {max(summary.torque_max):.1f}{rated})"
+        f"position {length} (span {max(numbers['position_span_rad']):.1f})   velocity {speed} ({velocity})   "
+        f"torque {effort} (max {largest:.1f}{rated})"
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -14,7 +14,7 @@ from dynid.arguments import instance, public
 from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
-from dynid.estimation.evidence import evidence_of, fingerprint, found_path, gap_evidence
+from dynid.estimation.evidence import evidence_of, fingerprint, found_path, with_paths
 from dynid.estimation.payload import find_payload
 from dynid.estimation.result import Identification
 from dynid.files import packaged
@@ -115,12 +115,8 @@ class Gap(Judged, GapRecord):
     @property
     def evidence(self) -> Evidence:
         """What is known of the searched model with what was found."""
-        record = picked(self, *(each.name for each in fields(GapRecord)))
-        record |= {key: [asdict(one) for one in record[key]] for key in ("named", "closest")}
-        result = self.searched
+        result, search = self.searched, with_paths(self.found)
         known = Evidence(result=self.made_from) if result is None else evidence_of(result)
-        delay = 0.0 if result is None else result.delay
-        search = gap_evidence(record, asdict(self.improvement), delay)
         return replace(known, asked="gap", gap=search, result=known.result or self.made_from)
 
     def table(self) -> Table:
@@ -559,7 +555,7 @@ class _Search:
         """Return an analysis as the answer to a question, without logs and signals."""
         made_from = str(self.result.path) if self.result.path.name else ""
         record = record_of(analysis, self.result.robot, question, why, made_from)
-        facts = vars(record) | {"of": fingerprint(self.result)}
+        facts = vars(record) | {"of": fingerprint(self.result), "delay": self.result.delay}
         return Gap(**facts, analysis=analysis, searched=self.result)
 
     def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:

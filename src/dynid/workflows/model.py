@@ -221,5 +221,5 @@ def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[s
     facts = {"schema": "dynid/model/1", "robot": model.robot.name}
     facts |= made_of.relations_json(model, groups)
     if form == "text":
-        return facts, made_of.relations_text(groups, alone=True)
+        return facts, made_of.relations_text(groups)
     return facts, json.dumps(facts, indent=2)

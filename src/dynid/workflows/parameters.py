@@ -27,7 +27,7 @@ from dynid.estimation.stack import (
     stack_with_settled_effects,
     with_settled_effects,
 )
-from dynid.files.artifact import read_artifact, read_header, reading
+from dynid.files.artifact import read_artifact, read_header, reading, unpacked
 from dynid.files.robotfile import text_of
 from dynid.loading import (
     LogsLike,
@@ -43,7 +43,7 @@ from dynid.log import Log
 from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
 from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
-from dynid.robot import Robot, coulomb_of
+from dynid.robot import Coulomb, Robot
 from dynid.runs import RunFolder
 from dynid.signals.columns import in_amperes as holds_currents
 from dynid.signals.motion import check_amount
@@ -228,10 +228,10 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
     base.robot.require_joints(header["joints"], path)
     stage("log", f"from {path}: {', '.join(log.path for log in conditioned)}")
     with reading(path):
-        base = with_coulomb(base, coulomb_of(header))
+        base = with_coulomb(base, unpacked(Coulomb | None, header["coulomb"], {}))
         error = header["delay_std_error_s"]
         delay = None if error is None else (float(header["delay_s"]), error)
-        findings = tuple(Finding(**finding) for finding in header["log_findings"])
+        findings = unpacked(tuple[Finding, ...], header["log_findings"], {})
         stack = stack_logs(with_settled_effects(conditioned, base), base)
     return Observations(stack, delay, findings)
 

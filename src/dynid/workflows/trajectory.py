@@ -498,11 +498,8 @@ def plan_trajectory(
     stage("clearance")
 
     def safe(motion: Trajectory) -> tuple[LimitCheck, Clearance]:
-        given, shown = through is not None, _shown(drawing, context, motion)
-        return (
-            require_safe(context, motion),
-            require_clear_motion(context, motion, urdf, shown, given=given),
-        )
+        check, given = require_safe(context, motion), through is not None
+        return check, require_clear_motion(context, motion, urdf, drawing, draw_motion, given=given)
 
     chosen, (check, clearance) = first_accepted(candidates, safe, until)
     stage("predict")
@@ -563,12 +560,6 @@ def _without_effects(base: BaseModel) -> BaseModel:
         return base
     stage("effects", "the motion is planned without those of the robot file")
     return base_model(replace(base.robot, effects=()))
-
-
-def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -> Drawing:
-    """Return what to draw of a motion, with its title and what draws it."""
-    title = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
-    return replace(drawing, title=title, draw=draw_motion)
 
 
 def _predicted(context: PlanningContext, trajectory: Trajectory) -> dict[str, Any]:
@@ -642,8 +633,8 @@ def review_trajectory(
     trajectory = Trajectory(basis, stored.coefficients, stored.alpha)
     context = planning_context(_without_effects(base or base_model(robot)), options)
     require_within_limits(context.check(trajectory), options.margin)
-    shown = _shown(drawing or Drawing(), context, trajectory)
-    clearance = require_clear_motion(context, trajectory, urdf, shown, given=True)
+    look = drawing or Drawing()
+    clearance = require_clear_motion(context, trajectory, urdf, look, draw_motion)
     return Reviewed(robot, options, stored, trajectory, clearance, urdf)
 
 

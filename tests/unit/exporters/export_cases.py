@@ -102,11 +102,10 @@ def with_effect(name, robot="kuka_lwr4plus", seed=1):
     joints = {"joint": (arm.joint_names[2],), "pair": arm.joint_names[2:4], "arm": ()}[effect.scope]
     arm = replace(arm, effects=(EffectSpec(name, joints, sizes_of(effect)),))
     made_of = made(arm, seed)
-    sizes = {
-        column.parameter.name: column.value
-        for added in made_of.base.model.added
-        for column in added.columns
-    }
+    (values,), sizes = (spec.parameters for spec in arm.effects), {}
+    for added in made_of.base.model.added:
+        own = added.effect.amplitudes(added.shape)
+        sizes |= {name: values.get(each, 0.0) for name, each in zip(added.names, own, strict=True)}
     full = replace(made_of.full, drives=made_of.full.drives | sizes)
     theta = made_of.base.reduction.K @ full.values(made_of.base.model.parameter_names)
     return replace(made_of, full=full, theta=theta)

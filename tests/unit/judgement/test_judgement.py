@@ -73,7 +73,6 @@ WORDS = {
 RANGES = {
     "mass": (1, 1e4),
     "reach": (0.1, 5),
-    "seconds": (1, 100),
     **dict.fromkeys(("known", "probability"), (1e-3, 1)),
 }
 
@@ -133,7 +132,7 @@ def worse(evidence, seed):
         {"physical": False},
     ]
     factors = dict.fromkeys(("possible", "mass", "fitted"), 3)
-    factors |= dict.fromkeys(("known", "seconds"), 1 / 3)
+    factors["known"] = 1 / 3
     for name, factor in factors.items():
         value = getattr(evidence, name)
         choices += [{name: factor * value}] if value is not None else []
@@ -291,9 +290,7 @@ def test_a_short_log_with_a_third_held_out_is_not_good():
     held = Unseen(
         "the last 20 % of each log, the same motion (held out)", 32.0, (3.0, 3.0, 3.0), True
     )
-    judged = judge(
-        Evidence(joints=JOINTS, fitted=0.47, unseen=(held,), seconds=3.0, known=0.9, physical=True)
-    )
+    judged = judge(Evidence(joints=JOINTS, fitted=0.47, unseen=(held,), known=0.9, physical=True))
     assert judged.light("unseen motion").state == "bad"
     assert judged.state == "bad"
     assert "32 %" in judged.sentence

@@ -14,7 +14,7 @@ from dynid.errors import WrongRobotFile
 from dynid.model.effects.catalogue import CATALOGUE, checked
 from dynid.model.effects.laws import presliding
 from dynid.model.effects.motion import ArmMotion
-from dynid.model.reduce import reduce
+from dynid.model.reduce import reduce, with_added
 from dynid.model.regressor import ModelTorques, build_model
 from dynid.robot import EffectSpec
 from motions import tones
@@ -250,7 +250,7 @@ def test_hysteresis_follows_the_dahl_equation_through_reversals():
 def test_a_listed_effect_becomes_a_column_that_stands_alone(model):
     spec = EffectSpec("stribeck", ("lwr_2_joint",), {"a": 0.5, "vs": 0.05, "d": 2.0})
     made = build_model(replace(model.robot, effects=(spec,)))
-    reduction = reduce(made)
+    reduction = with_added(reduce(made), made)
     assert made.parameter_names[-1] == "stribeck3_a"
     assert "stribeck3_a" in reduction.alone
     assert reduction.rank == reduce(model).rank + 1

@@ -10,7 +10,6 @@ from dynid import load_robot
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import robot_text
 from dynid.model.effects.catalogue import added_effects
-from dynid.model.effects.formula import Formula
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.regressor import build_model
 from dynid.robot import EffectSpec
@@ -31,8 +30,14 @@ def motion():
     return ArmMotion(np.arange(50) / 10, q, qd, qdd, None, Torques(), lambda x: x, np.sign(qd))
 
 
-def columns(text, motion, joint=1):
-    return Formula(text, (True,) * 4).columns(motion, (joint,), {})[:, 0]
+def added(text, robot="scara", joint=1):
+    arm = load_robot(robot)
+    spec = EffectSpec("formula", (arm.joint_names[joint],), {}, {}, text)
+    return added_effects(replace(arm, effects=(spec,)))[0]
+
+
+def columns(text, motion):
+    return added(text).evaluate(motion)
 
 
 def test_a_formula_is_what_it_says(motion):
@@ -62,8 +67,8 @@ def test_precedence_is_that_of_algebra(motion):
 
 @pytest.mark.parametrize(("joint", "torque"), [(0, "N m"), (2, "N")])
 def test_an_amplitude_is_a_torque_or_force_per_unit_of_its_factor(joint, torque):
-    made = Formula("a |qd1| + b", (True, True, False, True), joint)
-    assert made.amplitudes({}) == dict.fromkeys("ab", f"{torque} per unit of its factor")
+    made = added("a |qd1| + b", joint=joint)
+    assert made.effect.amplitudes({}) == dict.fromkeys("ab", f"{torque} per unit of its factor")
 
 
 @pytest.mark.parametrize(
@@ -95,10 +100,8 @@ def test_an_amplitude_is_a_torque_or_force_per_unit_of_its_factor(joint, torque)
     ],
 )
 def test_what_is_no_formula_is_refused(text, motion):
-    arm = load_robot("scara")
-    spec = EffectSpec("formula", (arm.joint_names[1],), {}, {}, text)
     with pytest.raises(WrongRobotFile):
-        added_effects(replace(arm, effects=(spec,)))[0].evaluate(replace(motion, robot=arm))
+        added(text).evaluate(replace(motion, robot=load_robot("scara")))
 
 
 def test_a_robot_file_keeps_its_formula(tmp_path):

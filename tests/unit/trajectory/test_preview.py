@@ -23,8 +23,8 @@ from dynid.trajectory.preview import (
     FRAMES,
     Drawing,
     measure_poses,
-    measure_trajectory,
     photographs,
+    poses_of,
     require_clear,
     window,
 )
@@ -55,7 +55,9 @@ def measured(urdf):
     """Measures the way to a pose, on the URDF of the arm itself."""
 
     def measure(robot, *degrees, **scene):
-        return measure_trajectory(towards(robot, *degrees), robot, urdf(robot), Scene(**scene))
+        return measure_poses(
+            *poses_of(towards(robot, *degrees)), robot, urdf(robot), Scene(**scene)
+        )
 
     return measure
 
@@ -92,7 +94,7 @@ def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geom
 def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     from PIL import Image
 
-    look = Drawing(tmp_path / "a.png", tmp_path / "a.gif", "a title")
+    look = Drawing(tmp_path / "a.png", tmp_path / "a.gif")
     plan = towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0)
     pictures = photographs(plan, lwr.robot, urdf(lwr.robot), Scene(), FRAMES)
     draw_motion(look, plan, Capsules(lwr.robot), pictures)
@@ -122,7 +124,7 @@ def test_own_urdf_with_other_axes_or_without_a_joint_is_refused(lwr, urdf, k, ch
     other = replace(lwr.robot, joints=tuple(joints), driver=None)
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
     with pytest.raises(WrongUrdf, match=said):
-        measure_trajectory(plan, other, urdf(lwr.robot), Scene())
+        measure_poses(*poses_of(plan), other, urdf(lwr.robot), Scene())
 
 
 def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
@@ -136,9 +138,9 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
         joints[k] = replace(joints[k], theta_offset=-offset[k])
     mapped = replace(lwr.robot, joints=tuple(joints), simulator=JointMap(sign, offset))
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
-    assert measure_trajectory(plan, mapped, path, Scene())
+    assert measure_poses(*poses_of(plan), mapped, path, Scene())
     with pytest.raises(WrongUrdf, match="joint 'lwr_0_joint' is not where"):
-        measure_trajectory(plan, lwr.robot, path, Scene())
+        measure_poses(*poses_of(plan), lwr.robot, path, Scene())
 
 
 def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(

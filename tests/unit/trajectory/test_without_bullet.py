@@ -5,6 +5,7 @@ import pytest
 
 from dynid import PlanOptions, plan_trajectory
 from dynid.errors import Collision, PackageMissing, PlanTeachesLittle
+from dynid.reports.motion_drawing import draw_motion
 from dynid.trajectory import planning
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import Drawing
@@ -20,7 +21,7 @@ def missing(*args, **options):
 
 
 def test_the_arm_is_drawn_and_the_pairs_are_measured_on_capsules(lwr, monkeypatch, tmp_path):
-    monkeypatch.setattr(planning, "measure_trajectory", missing)
+    monkeypatch.setattr(planning, "measure_poses", missing)
     drawing = Drawing(tmp_path / "preview.png", tmp_path / "preview.gif")
     plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr, drawing=drawing)
     assert plan.clearance.pictures == (tmp_path / "preview.png",)
@@ -31,13 +32,13 @@ def test_the_arm_is_drawn_and_the_pairs_are_measured_on_capsules(lwr, monkeypatc
 
 
 def test_a_given_motion_that_meets_the_floor_is_refused_without_pybullet_too(lwr, monkeypatch):
-    monkeypatch.setattr(planning, "measure_trajectory", missing)
+    monkeypatch.setattr(planning, "measure_poses", missing)
     with pytest.raises(Collision, match="floor"):
         plan_trajectory(lwr.robot, QUICK, waypoints=DOWN, base=lwr)
     down = through_waypoints(DOWN, planning.bounds(lwr.robot))
     context = planning.planning_context(lwr, QUICK)
     with pytest.raises(Collision, match="floor"):
-        planning.require_clear_motion(context, down, None, Drawing())
+        planning.require_clear_motion(context, down, None, Drawing(), draw_motion)
 
 
 def test_a_motion_that_teaches_too_little_is_refused_with_what_limits_it(lwr):

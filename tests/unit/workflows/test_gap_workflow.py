@@ -323,14 +323,14 @@ def test_what_happened_once_is_told_with_the_option_that_leaves_it_out(arm):
     logs = [replace(each, source=Path(f"run{k}.csv")) for k, each in enumerate(logs)]
     logs[1] = replace(logs[1], tau=hit)
     found = find_gap(identify(arm, logs, feasible=False), logs, effects=EFFECTS)
-    assert found.events[0]["joint"] == "elbow"
-    assert found.events[0]["log"] == "run1.csv"
-    assert found.events[0]["start"] < 7.0 < found.events[0]["end"]
+    assert found.events[0].joint == "elbow"
+    assert found.events[0].log == "run1.csv"
+    assert found.events[0].start < 7.0 < found.events[0].end
     assert found.judgement.sentence.startswith("A disturbance that does not repeat")
     again = next(x.command for x in found.judgement.steps if "--exclude" in x.command)
     assert all(f"run{k}.csv" in again for k in range(4)), "no log is lost"
     ends = [float(x) for x in again.rpartition("--exclude ")[2].split("-")]
-    assert ends == pytest.approx([found.events[0][key] for key in ("start", "end")], abs=0.06)
+    assert ends == pytest.approx([found.events[0].start, found.events[0].end], abs=0.06)
 
 
 # ---------------------------------------------------------------- the next experiment

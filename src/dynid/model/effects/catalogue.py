@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -10,27 +11,15 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.errors import WrongRobotFile
-from dynid.model.effects.formula import FORMULA, Formula
+from dynid.model.effects.expression import formula_terms
 from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import ArmMotion, Joints
 from dynid.model.effects.table import CATALOGUE as CATALOGUE
 from dynid.model.parameters import Parameter
 from dynid.robot import EffectSpec, Robot
 
-
-@dataclass(frozen=True)
-class AddedColumn:
-    """One column of an effect that the robot file lists.
-
-    Attributes:
-        parameter: what it stands for, such as ``stribeck4_a``.
-        rows: joints it acts on, 0-based.
-        value: its value in the robot file; 0 where the file has none.
-    """
-
-    parameter: Parameter
-    rows: tuple[int, ...]
-    value: float
+#: The effect that has no column.
+DELAY = "torque_delay"
 
 
 @dataclass(frozen=True)
@@ -41,13 +30,20 @@ class Added:
         effect: the effect.
         joints: the joints that it belongs to.
         shape: its non-linear parameters.
-        columns: its linear ones.
+        rows: joints it acts on, 0-based.
+        parameters: what its columns stand for, such as ``stribeck4_a``.
     """
 
     effect: Effect
     joints: Joints
     shape: dict[str, float]
-    columns: tuple[AddedColumn, ...]
+    rows: tuple[int, ...]
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of its columns."""
+        return [parameter.name for parameter in self.parameters]
 
     def evaluate(self, motion: ArmMotion) -> Floats:
         """Return the entries of its columns, column by column, row by row, (E, N).
@@ -71,7 +67,7 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
     added: list[Added] = []
     for spec in robot.effects:
         effect = checked(spec, robot)
-        if effect.name == "torque_delay":
+        if effect.name == DELAY:
             continue
         shape = {name: spec.parameters[name] for name in effect.shape_units}
         for joints in joints_of(spec, effect, robot):
@@ -82,15 +78,11 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
             label = f"{effect.name}{'_'.join(str(j + 1) for j in joints)}"
             # Why: two waves on one joint are two effects, and every column needs a name of its own.
             more = f"_{len(alike) + 1}" if alike else ""
-            columns = tuple(
-                AddedColumn(
-                    Parameter(effect.name, rows[0] + 1, unit, f"{label}_{name}{more}"),
-                    rows,
-                    spec.parameters.get(name, 0.0),
-                )
+            parameters = tuple(
+                Parameter(effect.name, rows[0] + 1, unit, f"{label}_{name}{more}")
                 for name, unit in effect.amplitudes(shape).items()
             )
-            added.append(Added(effect, joints, shape, columns))
+            added.append(Added(effect, joints, shape, rows, parameters))
     return tuple(added)
 
 
@@ -104,7 +96,7 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
     Raises:
         WrongRobotFile: there is no such effect, or a number that gives it its shape is missing.
     """
-    if spec.effect == FORMULA:
+    if spec.effect == "formula":
         return _formula(spec, robot)
     effect = CATALOGUE.get(spec.effect)
     if effect is None:
@@ -132,14 +124,15 @@ def _formula(spec: EffectSpec, robot: Robot) -> Effect:
         _refuse(robot, "formula needs the key formula", "formula: a cos(2 q4) |qd4|")
     if not spec.joints:
         _refuse(robot, "formula acts on no joint", "joints: [NAME]")
-    turning = [one.revolute for one in robot.joints]
-    made = Formula(spec.formula, turning, robot.joint_names.index(spec.joints[0]))
-    names = made.amplitudes({})
-    unknown = [name for name in spec.parameters if name not in names]
+    text = " ".join(spec.formula.split())
+    terms = formula_terms(text, robot.n)
+    unknown = [name for name in spec.parameters if name not in terms]
     if unknown:
-        what = f"formula '{made.text}' has no amplitude '{unknown[0]}'"
-        _refuse(robot, what, f"{', '.join(names)}")
-    return made
+        what = f"formula '{text}' has no amplitude '{unknown[0]}'"
+        _refuse(robot, what, f"{', '.join(terms)}")
+    torque = robot.joints[robot.joint_names.index(spec.joints[0])].torque_unit
+    units = dict.fromkeys(terms, f"{torque} per unit of its factor")
+    return Effect(name=spec.effect, terms=tuple(terms.values()), units=units, needs_model=True)
 
 
 def joints_of(spec: EffectSpec, effect: Effect, robot: Robot) -> list[Joints]:
@@ -150,15 +143,10 @@ def joints_of(spec: EffectSpec, effect: Effect, robot: Robot) -> list[Joints]:
     return [tuple(index) if effect.scope == "pair" else ()]
 
 
-def delay_of(robot: Robot) -> float:
-    """Return how late the torques of a robot's logs are [s]."""
-    return float(
-        sum(
-            spec.parameters.get("delay", 0.0)
-            for spec in robot.effects
-            if checked(spec, robot).name == "torque_delay"
-        )
-    )
+def delay_of(effects: Iterable[EffectSpec]) -> float:
+    """Return how late effects of a robot file make the torques of its logs [s]."""
+    delays = (one.parameters.get("delay", 0.0) for one in effects if one.effect == DELAY)
+    return float(sum(delays))
 
 
 def joined_motion(motions: list[ArmMotion]) -> ArmMotion:

@@ -145,14 +145,26 @@ def _number(tree: ast.expr, text: str) -> float:
     return refuse(text, f"a number is missing instead of '{ast.unparse(tree)}'")
 
 
-def term_of(node: Node, text: str) -> tuple[str, Node]:
-    """Return the amplitude of a term and what it multiplies."""
-    factors = node.factors()
-    names = [one.text for one in factors if one.head == "name"]
-    if len(names) != 1 or sum(one.head == "name" for one in node.within()) != 1:
-        refuse(text, "each term of the sum needs one amplitude, a name such as a, as a factor")
-    rest = tuple(one for one in factors if one.head != "name")
-    return names[0], Node("*", rest) if rest else Node("number", value=1.0)
+def formula_terms(text: str, joints: int) -> dict[str, Node]:
+    """Return what each amplitude of a formula multiplies, for an arm with so many joints.
+
+    Raises:
+        WrongRobotFile: it is no formula, or of another arm.
+    """
+    tree, terms = read(text), dict[str, Node]()
+    for node in tree.parts if tree.head == "+" else (tree,):
+        factors = node.factors()
+        names = [one.text for one in factors if one.head == "name"]
+        if len(names) != 1 or sum(one.head == "name" for one in node.within()) != 1:
+            refuse(text, "each term of the sum needs one amplitude, a name such as a, as a factor")
+        if names[0] in terms:
+            refuse(text, "two terms have the same amplitude")
+        rest = tuple(one for one in factors if one.head != "name")
+        terms[names[0]] = Node("*", rest) if rest else Node("number", value=1.0)
+    last = max(node.joint for node in tree.within())
+    if last > joints:
+        refuse(text, f"the arm has no joint {last}")
+    return terms
 
 
 # ---------------------------------------------------------------- meaning

@@ -33,6 +33,7 @@ class Effect:
         forms: its columns as closed forms, in the words of ``effect: formula`` with shape parameters in braces; there
             is also ``total``, the torque with friction, and in code ``z``, how far a bristle bends before it slides.
         forms_of: the same by shape.
+        terms: its columns as they were read, of a formula of a robot file.
         law: its columns where a closed form does not make them; a shape may hold ``at``, the size at which they are to
             be exact.
         many: the columns of several shapes at once, where that is faster.
@@ -57,12 +58,13 @@ class Effect:
     """
 
     name: str
-    title: str
-    equation: str
-    signature: str
-    separate: str
+    title: str = ""
+    equation: str = ""
+    signature: str = ""
+    separate: str = ""
     forms: tuple[str, ...] = ()
     forms_of: Callable[[Shape], tuple[str, ...]] | None = None
+    terms: tuple[Node, ...] = ()
     law: Law | None = None
     many: Callable[[ArmMotion, Joints, Sequence[Shape]], list[Floats]] | None = None
     scope: Literal["joint", "pair", "arm"] = "joint"
@@ -132,9 +134,8 @@ class Effect:
     def nodes(self, shape: Shape) -> list[Node]:
         """Return the closed forms of its columns, none where it has no such form."""
         texts = self.forms if self.forms_of is None else self.forms_of(shape)
-        return [
-            read(text.format(**{name: f"{x:.17g}" for name, x in shape.items()})) for text in texts
-        ]
+        numbers = {name: f"{x:.17g}" for name, x in shape.items()}
+        return [*self.terms, *(read(text.format(**numbers)) for text in texts)]
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N) [N m or N per unit]."""

@@ -31,9 +31,6 @@ class ReferenceTorques(Protocol):
     def gravity_tilt(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
 
-    def tip_force(self, q: Floats, axis: int) -> Floats:
-        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
-
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
 

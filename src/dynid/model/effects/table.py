@@ -12,6 +12,7 @@ from dynid.model.effects import laws
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import Shapes
+from dynid.model.kinematics import link_frames, tip_jacobian
 
 
 def _each(name: str, *values: float) -> Shapes:
@@ -367,7 +368,7 @@ _ALL = (
         equation="-J^T f, f constant in the world",
         signature="wrist and elbow together, with the pattern of a force at the tip",
         separate="turn the wrist in many directions at each pose",
-        law=lambda m, j, s: np.array([m.reference.tip_force(m.q, k).T for k in range(3)]),
+        law=lambda m, j, s: -tip_jacobian(m.robot, link_frames(m.robot, m.q)).T,
         scope="arm",
         units={"x": "N", "y": "N", "z": "N"},
     ),
