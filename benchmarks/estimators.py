@@ -8,7 +8,6 @@ parameter error |db|/|b|, torque error on an unseen noise-free motion, the share
 Source: Leboutet et al. 2021, "Inertial parameter identification in robotics: a survey" (BIRDy): noise levels, figures.
 """
 
-import argparse
 import time
 from dataclasses import dataclass, replace
 from functools import cache
@@ -312,13 +311,8 @@ def cell(runs, method, *, inside=False):
 
 
 def main():
-    options = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    options.add_argument("--json", type=Path, default=Path("out/estimators.json"))
-    options.add_argument("--minutes", type=float, default=25.0)
-    options.add_argument("--table", action="store_true")
-    given = options.parse_args()
+    kept = Path("out/estimators.json")
+    given = study.arguments(__doc__, json=kept, minutes=25.0, table=False)
     done, end = study.Answers(given.json), time.monotonic() + 60 * given.minutes
     for job in () if given.table else jobs():
         if (key := "/".join(map(str, job))) not in done:

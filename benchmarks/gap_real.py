@@ -11,7 +11,6 @@ of either sign, and is put in by NumPy and Pinocchio alone. Joints whose gain or
 LARGEST to be so large are not drawn.
 """
 
-import argparse
 import itertools
 import json
 from dataclasses import replace
@@ -255,14 +254,8 @@ def table(natural, answers):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=study.DATA)
-    parser.add_argument("--draws", type=int, default=30, help="of each pair of recordings")
-    text = "pairs that nothing was put into; nothing else is run then"
-    parser.add_argument("--unchanged", type=int, default=0, help=text)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=Path("gap_real.json"))
-    args = parser.parse_args()
+    out = Path("gap_real.json")
+    args = study.arguments(__doc__, data=study.DATA, draws=30, unchanged=0, seed=1, out=out)
     if args.unchanged:
         unchanged(args.data, args.unchanged, args.seed)
         return

@@ -7,11 +7,11 @@ bodies, rotors, viscous and Coulomb friction, and what is hidden. A recorder add
 case is a folder as a user would have it (robot file, logs) with ``truth.json``. *Visible size*: what least squares with
 the true rigid body, rotor and friction columns leave of the hidden thing in data without noise, over the noise below
 10 Hz, on the joint that shows it most. Sets: clean, single, double, outside (nothing of the catalogue), changed (the
-model comes from logs before the change). Seeds 1 to 19 are for development, 100 and above for proof. Finished cases are
-kept by seed and case.
+model comes from logs before the change). Seeds 1 to 19 are for development, 100 and above for proof. Cases are made once
+and kept in ``--folder``; answers are kept in ``--out``, which is another file for
+other code.
 """
 
-import argparse
 import itertools
 import json
 import os
@@ -1153,23 +1153,20 @@ def work(folder, seed, k):
 
 def main():
     """Run the cases that are asked for and not there yet, and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    args = study.arguments(
+        __doc__,
+        seeds="1",
+        cases="0-59",
+        only="",
+        jobs=1,
+        folder=Path(tempfile.gettempdir()) / "gap_stranger",
+        out=Path("gap_stranger.json"),
     )
-    parser.add_argument("--seeds", type=numbers, default=[1], help="such as 1-3,7")
-    parser.add_argument("--cases", type=numbers, default=range(60), help="such as 0-59 or 12")
-    parser.add_argument("--only", help="one set")
-    parser.add_argument("--jobs", type=int, default=1)
-    kept = Path(tempfile.gettempdir()) / "gap_stranger"
-    parser.add_argument("--folder", type=Path, default=kept, help="where cases are kept")
-    text = "answers of the code as it is; another file for other code"
-    parser.add_argument("--out", type=Path, default=Path("gap_stranger.json"), help=text)
-    args = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     answers, jobs, wanted = study.Answers(args.out), [], []
-    for seed, k in itertools.product(args.seeds, args.cases):
+    for seed, k in itertools.product(numbers(args.seeds), numbers(args.cases)):
         kind, name = CYCLE[k % len(CYCLE)], f"{seed}/{k:02d}"
-        if args.only in (None, kind, "single" if kind == "stribeck" else kind):
+        if args.only in ("", kind, "single" if kind == "stribeck" else kind):
             wanted.append(name)
             jobs += [] if name in answers else [(args.folder, seed, k)]
     print(f"{len(jobs)} to do", flush=True)

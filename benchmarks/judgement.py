@@ -8,7 +8,6 @@ Each goes through identify, validate, gap and report; ``contradictions`` reads t
 the error on one more motion that nothing has seen, and with the noise that was put in.
 """
 
-import argparse
 import math
 import tempfile
 import time
@@ -314,13 +313,8 @@ def table(rows):
 
 # ---------------------------------------------------------------- command
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("judgement.json"))
-    parser.add_argument("--kind", choices=("situations", "lights"), default="situations")
-    parser.add_argument("--cases", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=60.0)
-    given = parser.parse_args()
+    options = {"kind": "situations", "cases": 200, "seed": 1, "minutes": 60.0}
+    given = study.arguments(__doc__, out=Path("judgement.json"), **options)
     answers, end = study.Answers(given.out), time.time() + 60 * given.minutes
     searched = given.kind == "situations"
     make, first = case_of if searched else light_case_of, 1000 * given.seed

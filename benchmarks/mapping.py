@@ -1,9 +1,10 @@
 """Is the right edit named when a robot file has a mistake? Robots x mistakes, on shipped, real and simulated recordings.
 
 Usage: python benchmarks/mapping.py [--every N] [--pairs N] [--only NAME] [--store FILE] > benchmarks/mapping.md
+
+Every N-th single mistake is tried, and N pairs of them, of robots and recordings with a NAME; the store holds what was asked before.
 """
 
-import argparse
 import itertools
 import random
 import sys
@@ -129,15 +130,8 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
 
 
 def main():
-    parser = argparse.ArgumentParser()
-    text = "every how manyth single mistake is tried"
-    parser.add_argument("--every", type=int, default=1, help=text)
-    parser.add_argument("--pairs", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=7, help="of simulated arms and motions")
-    parser.add_argument("--only", default="", help="part of a robot's or recording's name")
     store = Path("mapping.json")
-    parser.add_argument("--store", type=Path, default=store, help="what was asked before")
-    given = parser.parse_args()
+    given = study.arguments(__doc__, every=1, pairs=20, seed=7, only="", store=store)
     answers = study.Answers(given.store)
     for k, (name, source, load) in enumerate(recordings(given.seed)):
         title = f"{name} | {source}"

@@ -12,8 +12,8 @@ import os
 
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
-import argparse
 import resource
+import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -121,11 +121,8 @@ def table(rows):
 
 def main():
     """Measure what is missing or named and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    text = "robot files; those that the store lacks when none are given"
-    parser.add_argument("arms", nargs="*", help=text)
     rows = study.Answers(STORE)
-    for name in parser.parse_args().arms or [name for name in known_robots() if name not in rows]:
+    for name in sys.argv[1:] or [name for name in known_robots() if name not in rows]:
         rows.keep(name, measure(name))
         print(*cells(name, rows[name]), flush=True)
         TABLE.write_text(table(rows))

@@ -7,7 +7,6 @@ nothing in an empty folder. The logs are sums of sines with torques of the same 
 size, not for accuracy. Needs ``pip install -e '.[test]'``.
 """
 
-import argparse
 import os
 import statistics
 import subprocess
@@ -138,9 +137,7 @@ def whole_processes(robot, folder, samples):
 
 
 def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--samples", type=int, default=1_000_000)
-    options = parser.parse_args()
+    options = study.arguments(__doc__, samples=1_000_000)
     robot = load_robot(ROBOT)
     print(f"{study.MACHINE}, load average {os.getloadavg()[0]:.1f} at the start\n")
     with tempfile.TemporaryDirectory() as folder:

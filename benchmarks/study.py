@@ -1,5 +1,6 @@
-"""What studies share: arms, models and motions of the tests, answers kept on disk, and tables."""
+"""What studies share: arms, models and motions of the tests, options, answers kept on disk, and tables."""
 
+import argparse
 import json
 import platform
 import sys
@@ -11,6 +12,16 @@ DATA = ROOT.parent / "shared" / "data"
 MACHINE = f"{platform.machine()}, Python {platform.python_version()}"
 
 sys.path.insert(0, str(ROOT / "tests"))
+
+
+def arguments(doc, **defaults):
+    """Return the options of a study by name, each of the type of its default; False is one without a value."""
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=doc, formatter_class=form)
+    for name, value in defaults.items():
+        kind = {"action": "store_true"} if value is False else {"type": type(value)}
+        parser.add_argument(f"--{name}", default=value, **kind)
+    return parser.parse_args()
 
 
 class Answers(dict):
