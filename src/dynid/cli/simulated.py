@@ -16,8 +16,9 @@ from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.session import Session
 from dynid.drivers.ros import raise_priority
 from dynid.judgement.rules import Step
+from dynid.sim.options import SimDriverOptions
 from dynid.text import shell
-from dynid.workflows.options import SimDriverOptions, SimulateOptions
+from dynid.workflows.options import SimulateOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot

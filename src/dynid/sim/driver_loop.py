@@ -13,39 +13,13 @@ from dynid.arrays import Floats
 from dynid.sim import tuning
 from dynid.sim.arm import SimulatedArm
 from dynid.sim.follow import Follower
-from dynid.sim.plant import stepped
+from dynid.sim.options import SimDriverOptions
+from dynid.sim.plant import Sensors, stepped
 
 
 def step_of(rate: float) -> float:
     """Return a step of the physics [s] that divides the time between two samples at a rate [Hz]."""
     return 1 / rate / math.ceil(1 / rate / tuning.LONGEST_STEP_S - 1e-9)
-
-
-@dataclass(frozen=True)
-class Imperfections:
-    """What measuring and sending add to the truth.
-
-    Attributes:
-        torque_noise: standard deviation, (n,) [N m or N].
-        torque_step: resolution of the torques [N m]; 0 for none.
-        torque_offset: sensor offset, zeroed by the driver's service, (n,) [N m].
-        position_step: resolution of the encoders [rad or m]; 0 for none.
-        velocity_noise: standard deviation of the reported velocity [rad/s].
-        latency: from sampling to publishing [s].
-        jitter: standard deviation added to it, never early [s].
-        drop: share of messages that are lost.
-        skew: torque and velocity are sampled so much later than the position with its stamp [s].
-    """
-
-    torque_noise: tuple[float, ...]
-    torque_step: float = 0.0
-    torque_offset: tuple[float, ...] = ()
-    position_step: float = 0.0
-    velocity_noise: float = 0.0
-    latency: float = 0.0
-    jitter: float = 0.0
-    drop: float = 0.0
-    skew: float = 0.0
 
 
 @dataclass
@@ -71,8 +45,8 @@ class DriverLoop:
     Args:
         arm: the physics; it is placed where its controller holds it.
         follower: the arm's controller.
-        rate: of the joint states [Hz].
-        imperfections: of sensors and network.
+        sensors: noise and resolution.
+        options: rate, and what else measuring and sending add to the truth.
         rng: source of all noise.
 
     Attributes:
@@ -85,20 +59,19 @@ class DriverLoop:
         self,
         arm: SimulatedArm,
         follower: Follower,
-        rate: float,
-        imperfections: Imperfections,
+        sensors: Sensors,
+        options: SimDriverOptions,
         rng: np.random.Generator,
     ) -> None:
-        self.arm, self.robot, self.follower, self.rate = arm, arm.robot, follower, rate
-        self.imperfections, self.rng = imperfections, rng
+        self.arm, self.robot, self.follower = arm, arm.robot, follower
+        self.sensors, self.options, self.rng = sensors, options, rng
         self.published, self.dropped, self.largest_delay = 0, 0, 0.0
-        n, self._steps = self.robot.n, 0
-        self.every = max(1, round(1 / (rate * arm.dt)))
-        self._skew = min(round(imperfections.skew / arm.dt), self.every - 1)
+        self._steps = 0
+        self.every = max(1, round(1 / (options.rate * arm.dt)))
+        self._skew = min(round(options.skew / arm.dt), self.every - 1)
         self._polled = (0.0, follower.goal)
         arm.reset(follower.goal)
-        self._offset = np.array(imperfections.torque_offset or (0.0,) * n)
-        self._true = self._zero = np.zeros(n)
+        self._true = self._zero = np.zeros(self.robot.n)
         self._rating = self.robot.limits("torque")
         self._waiting: list[tuple[float, Measured]] = []
 
@@ -114,7 +87,7 @@ class DriverLoop:
 
     def zero_torques(self) -> None:
         """Make the sensors read zero where the arm stands."""
-        self._zero = self._true + self._offset
+        self._zero = self._true + self.options.torque_offset
 
     def run(self, publish: Callable[[Measured], None], alive: Callable[[], bool]) -> None:
         """Simulate in real time until the end is requested; a late machine is caught up with, never skipped."""
@@ -143,19 +116,19 @@ class DriverLoop:
 
     def _sample(self, elapsed: float, q: Floats, qd: Floats, tau: Floats) -> None:
         """Measure and put the sample on its way."""
-        wrong = self.imperfections
-        if self.rng.random() < wrong.drop:
+        sensors, options = self.sensors, self.options
+        if self.rng.random() < options.drop:
             self.dropped += 1
             return
         self._true = tau
-        noise = self.rng.normal(0.0, 1.0, len(tau)) * np.array(wrong.torque_noise)
-        reading = tau + self._offset - self._zero + noise
-        delay = wrong.latency
-        if wrong.jitter:
-            delay += abs(self.rng.normal(0.0, wrong.jitter))
+        noise = self.rng.normal(0.0, 1.0, len(tau)) * np.array(sensors.torque_noise)
+        reading = tau + options.torque_offset - self._zero + noise
+        delay = options.latency
+        if options.jitter:
+            delay += abs(self.rng.normal(0.0, options.jitter))
         due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
-        speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * wrong.velocity_noise
-        q, reading = stepped(q, wrong.position_step), stepped(reading, wrong.torque_step)
+        speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * (sensors.velocity_noise or 0.0)
+        q, reading = stepped(q, sensors.position_step), stepped(reading, options.torque_step)
         self._waiting.append((due, Measured(elapsed, q, speed, reading)))
 
     def _send(self, present: float, publish: Callable[[Measured], None]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +17,16 @@ from dynid.errors import WrongUsage
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.options import numbers
 from dynid.robot import Robot
-from dynid.sim.driver_loop import DriverLoop, Imperfections, step_of
+from dynid.sim.driver_loop import DriverLoop, step_of
 from dynid.sim.follow import PointFollower, VelocityFollower
-from dynid.sim.plant import Plant, plant_of, read_plant
+from dynid.sim.options import SimDriverOptions
+from dynid.sim.plant import Plant, Sensors, plant_of, read_plant
 from dynid.sim.ros_drivers import simulated_driver
-from dynid.workflows.options import SimDriverOptions
 
 
 def simulate_driver(
     robot: Robot,
-    options: SimDriverOptions = SimDriverOptions(),
+    options: SimDriverOptions,
     *,
     started: Callable[[str, str], None] = lambda topic, master: None,
 ) -> Answer:
@@ -44,7 +45,7 @@ def simulate_driver(
         kind = VelocityFollower if is_kinova(robot) else PointFollower
         follower = kind(start_pose(robot, options.pose), arm.dt)
         rng = np.random.default_rng(options.seed)
-        loop = DriverLoop(arm, follower, options.rate, _imperfections(plant, options), rng)
+        loop = DriverLoop(arm, follower, _sensors(plant, options), options, rng)
         driver = simulated_driver(node, loop, topic)
         started(topic, node.uri)
         end = time.monotonic() + (options.duration or float("inf"))
@@ -62,19 +63,13 @@ def is_kinova(robot: Robot) -> bool:
     return robot.driver is not None and robot.driver.kind == "kinova_gen2"
 
 
-def _imperfections(plant: Plant, options: SimDriverOptions) -> Imperfections:
-    sensors, n = plant.sensors, len(plant.bodies)
-    noise, step = options.torque_noise, options.position_step
-    return Imperfections(
-        torque_noise=sensors.torque_noise if noise is None else (noise,) * n,
+def _sensors(plant: Plant, options: SimDriverOptions) -> Sensors:
+    """Return the sensors of a truth file, with what is wanted otherwise."""
+    sensors, noise, step = plant.sensors, options.torque_noise, options.position_step
+    return replace(
+        sensors,
+        torque_noise=sensors.torque_noise if noise is None else (noise,) * len(plant.bodies),
         position_step=sensors.position_step if step is None else step,
-        velocity_noise=sensors.velocity_noise or 0.0,
-        torque_step=options.torque_step,
-        torque_offset=(options.torque_offset,) * n,
-        latency=options.latency,
-        jitter=options.jitter,
-        drop=options.drop,
-        skew=options.skew,
     )
 
 

@@ -13,7 +13,7 @@ from dynid.errors import ReductionsDisagree
 from dynid.model import build_model
 from dynid.model.reduce import random_states, reduce
 from dynid.model.relations import base_name, base_parameters, relations_of
-from dynid.robot import Coupling, Joint
+from dynid.robot import Joint
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 PAPER = ROBOTS / "paper"
@@ -53,6 +53,7 @@ def texts(robot):
     ]
 
 
+REAL = ("kuka_lwr4plus", "kinova_gen2", "franka_panda", "ur10")
 WALL, NOWHERE = (9.81, 0, 0), (0, 0, 0)
 
 
@@ -180,19 +181,6 @@ def test_a_subset_of_links_keeps_only_their_columns():
     assert "mcz6R = mcz6 + mcz7 + d7*m7" in r.formulas
 
 
-def test_coupled_motors_take_part_like_any_column():
-    matrix = np.eye(7)
-    matrix[5, 6] = 0.1
-    robot = replace(
-        with_joints(GEN2, friction=("viscous", "coulomb", "offset")),
-        coupling=Coupling(tuple(map(tuple, matrix.tolist()))),
-    )
-    model = build_model(robot)
-    found = reduce(model)
-    P = model.regressor(*np.random.default_rng(5).normal(size=(3, 30, 7))).reshape(-1, model.size)
-    np.testing.assert_allclose(P[:, found.base] @ base_parameters(model).K, P, atol=1e-9)
-
-
 def test_torques_at_rest_of_the_seven_joint_arm_have_nineteen_parameters_with_offsets():
     arm = load_robot(ROBOTS / "kinova_gen2.yaml")
     model = build_model(arm)
@@ -204,11 +192,13 @@ def test_torques_at_rest_of_the_seven_joint_arm_have_nineteen_parameters_with_of
     ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["kuka_lwr4plus", "kinova_gen2", "franka_panda", "ur10"])
+@pytest.mark.parametrize(
+    "name", ["staubli_tx40", *(pytest.param(x, marks=pytest.mark.slow) for x in REAL)]
+)
 def test_base_columns_times_relations_give_the_whole_regressor(name):
+    """Columns of the TX40's coupled motors take part like any."""
     model = build_model(load_robot(name))
-    found = reduce(model)
+    found = base_parameters(model)
     P = model.regressor(*random_states(model.robot, 20, seed=7)).reshape(-1, model.size)
     assert P[:, found.base] @ found.K == pytest.approx(P, abs=1e-9 * np.abs(P).max())
 

@@ -170,22 +170,7 @@ def test_gen2_has_the_axes_of_kinova_description_and_its_tool_within_the_urdfs_o
     assert wobble < 0.006
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "franka_panda",
-        "kinova_gen2",
-        "kuka_lwr4plus",
-        "ur10",
-        "ur3e",
-        "ur5e",
-        "ur10e",
-        "kuka_iiwa7",
-        "kuka_iiwa14",
-        "kinova_gen3",
-        "xarm7",
-    ],
-)
+@pytest.mark.parametrize("name", [*CHAINS, *(name for _, name, *_ in URDFS), "kinova_gen2"])
 def test_every_published_arm_says_its_source_and_has_limits_of_speed_and_torque(name):
     robot = load_robot(name)
     assert "Source" in robot.path.read_text(encoding="utf-8")

@@ -4,26 +4,23 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid import load_robot
 from dynid.sim.arm import SimulatedArm
-from dynid.sim.driver_loop import DriverLoop, Imperfections
+from dynid.sim.driver_loop import DriverLoop
 from dynid.sim.follow import PointFollower
+from dynid.sim.options import SimDriverOptions
+from dynid.sim.plant import Sensors
 from dynid.sim.ros_drivers import doubled
 
 UR = load_robot("ur10")
 START = np.array([0.0, -1.2, 1.2, 0.3, 0.5, 0.0])
 
 
-def samples(rate, **imperfections):
+def samples(rate, skew=0.0):
     """What the driver of a moving arm measures in a third of a second, by the time in its stamp [ms]."""
     follower = PointFollower(START, 1e-3)
     follower.play([(START + 0.3, np.full(6, 0.2), 0.5)])
     arm = SimulatedArm(UR, dt=1e-3)
-    loop = DriverLoop(
-        arm,
-        follower,
-        rate,
-        Imperfections((0.0,) * 6, **imperfections),
-        np.random.default_rng(0),
-    )
+    sensors, options = Sensors.perfect(6), SimDriverOptions(rate=rate, skew=skew)
+    loop = DriverLoop(arm, follower, sensors, options, np.random.default_rng(0))
     for _ in range(330):
         loop._step()
     return {round(1e3 * measured.elapsed): measured for _, measured in loop._waiting}
