@@ -67,7 +67,7 @@ def hac_covariance(
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
     # Why by a root: of parameters that the log hardly tells the product of three would be no covariance, by rounding.
     spread = bread @ symmetric_root(long_run_variance(series, automatic_lags(series)))
-    return np.asarray(spread @ spread.T)
+    return spread @ spread.T
 
 
 def widened(rows: Rows, fit: Fit, covariance: Floats) -> Floats:
@@ -91,7 +91,7 @@ def widened(rows: Rows, fit: Fit, covariance: Floats) -> Floats:
     least = memory * np.diagonal(fit.solution.inverse)
     least = least / np.maximum(np.diagonal(covariance), np.finfo(float).tiny)
     factor = quantile * np.sqrt(np.maximum(1.0, least))
-    return np.asarray(covariance * np.outer(factor, factor))
+    return covariance * np.outer(factor, factor)
 
 
 def _memory(rows: Rows) -> float:

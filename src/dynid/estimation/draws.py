@@ -52,7 +52,7 @@ class Draws:
     @property
     def theta(self) -> Floats:
         """Base parameters, (D, p)."""
-        return np.asarray(self.x @ self.result.reduction.K.T)
+        return self.x @ self.result.reduction.K.T
 
     def torques(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
         """Return the torques of a motion by each draw, without noise, (D, N, n) [N m or N].
@@ -70,7 +70,7 @@ class Draws:
             columns = error.columns(W, error.shapes_at(q, qd, result.base.observer))
             for j, b in enumerate(self.residual):
                 tau[:, :, j] += b @ columns[:, j, : b.shape[1]].T
-        return np.asarray(tau)
+        return tau
 
     def band(
         self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None, level: float = 0.9
@@ -183,7 +183,7 @@ def possible_draws(
             low[left[back]], high[left[~back]] = angle[left[back]], angle[left[~back]]
             angle[left] = rng.uniform(low[left], high[left])
         step = after
-    return np.asarray(x + step)
+    return x + step
 
 
 def _apart(x: Floats, root: Floats, constraints: PhysicalConstraints) -> tuple[Floats, Floats]:
@@ -207,4 +207,4 @@ def _possible(x: Floats, constraints: PhysicalConstraints) -> Mask:
     # Why determinants: of matrices so small they take a quarter of the time of eigenvalues.
     minors = [P[..., 0, 0], *(np.linalg.det(P[..., :k, :k]) for k in (2, 3, 4))]
     bodies = np.all(np.stack(minors) > 0.0, axis=(0, 2))
-    return np.asarray(bodies & np.all(x @ constraints.G.T >= constraints.h, axis=1))
+    return bodies & np.all(x @ constraints.G.T >= constraints.h, axis=1)

@@ -45,19 +45,18 @@ def has_spikes(rows: Rows, theta: Floats) -> bool:
     return bool(np.any((shares > tuning.SPIKE_SHARE) & heavy))
 
 
-def huber(rows: Rows, start: Fit, max_rounds: int = 50) -> Fit:
+def huber(rows: Rows, start: Fit) -> Fit:
     """Fit with weights min(1, 1.345 sigma / |residual|), iterated (Huber 1981).
 
     Args:
         rows: observation rows.
         start: plain fit of the same rows.
-        max_rounds: limit of the iteration.
 
     Returns:
         The fit, with the robust standard deviation of each joint; its covariance is that of white residuals.
     """
     theta, few = start.theta, start.counts < tuning.NOISE_LEAST_ROWS
-    for _ in range(max_rounds):
+    for _ in range(tuning.FIT_ROUNDS):
         noise = np.where(few, start.noise, robust_noise(rows, theta))
         R = merge(rows.factors(np.sqrt(huber_weight(rows.residual(theta), noise))), 1.0 / noise)
         solution = solve(R)
@@ -74,13 +73,12 @@ def huber_weight(residual: Floats, noise: Floats) -> Floats:
     return np.minimum(1.0, tuning.HUBER / np.maximum(np.abs(residual / noise), 1e-12))
 
 
-def instrumental(rows: Rows, plain: Fit, max_rounds: int = 50) -> Fit:
+def instrumental(rows: Rows, plain: Fit) -> Fit:
     """Estimate with the instruments that come with the rows, with little weight for spikes (Huber).
 
     Args:
         rows: observation rows with instruments.
         plain: plain fit of the same rows, whose factors the result keeps.
-        max_rounds: limit of the iteration for noise and weights.
 
     Returns:
         The estimate; its covariance allows for coloured residuals.
@@ -89,7 +87,7 @@ def instrumental(rows: Rows, plain: Fit, max_rounds: int = 50) -> Fit:
         RankDeficient: the instruments do not move with the regressor.
     """
     noise, weight = np.ones(len(plain.noise)), rows.use * 1.0
-    for k in range(max_rounds):
+    for k in range(tuning.FIT_ROUNDS):
         theta = _by_instruments(rows, weight / noise**2)
         before, noise = noise, robust_noise(rows, theta)
         if k and np.all(np.abs(noise - before) <= 1e-4 * before):
@@ -121,7 +119,7 @@ def _by_instruments(rows: Rows, weight: Floats) -> Floats:
             f"the commanded motion does not follow the measured one: condition number {condition:.1e}",
             fix="use --method wls, or check that the log's commanded positions belong to this recording",
         )
-    return np.asarray(scale * np.linalg.solve(scaled, scale * Ztau))
+    return scale * np.linalg.solve(scaled, scale * Ztau)
 
 
 # ---------------------------------------------------------------- the estimators

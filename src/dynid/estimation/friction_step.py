@@ -34,13 +34,12 @@ def with_coulomb(base: BaseModel, coulomb: Coulomb | None) -> BaseModel:
     return replace(base, model=replace(base.model, robot=robot))
 
 
-def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity: bool) -> Stack:
+def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
     """Return a stack whose Coulomb columns have the widths that are estimated from its logs.
 
     Args:
         stack: the rows of all logs, with the usual widths.
         logs: the prepared logs that it was made from.
-        measured_velocity: as for ``condition``.
     """
     names, usual = stack.names, stack.base.robot.usual_coulomb
     numbers = range(len(stack.joints))
@@ -49,10 +48,7 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity:
         return stack
 
     def signs(shapes: Sequence[Coulomb], k: int, most: int | None = None) -> list[Floats]:
-        chosen = stack.logs[k].filter
-        return signs_of_shapes(
-            logs[k], chosen, usual, shapes, measured_velocity=measured_velocity, most=most
-        )
+        return signs_of_shapes(logs[k], stack.logs[k].filter, usual, shapes, most)
 
     widths = WIDTHS[:, None] * usual.velocity
     tried = [Coulomb("smooth", tuple(each)) for each in widths.tolist()]

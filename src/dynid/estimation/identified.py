@@ -280,7 +280,7 @@ class Identified:
                 tau = tau + error.torque(W, error.shapes_at(q, qd, observer))
         else:
             tau = tau + observer.torque(self.theta, q, qd, qdd)
-        return np.asarray(tau).reshape(states[0].shape)
+        return tau.reshape(states[0].shape)
 
     @cached_property
     def _functions(self) -> dict[bool, OneState | None]:

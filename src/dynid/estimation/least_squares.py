@@ -68,7 +68,7 @@ def symmetric_root(matrix: Floats) -> Floats:
     diagonal = np.diagonal(matrix)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     value, vector = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0)))
+    return scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0))
 
 
 @dataclass(frozen=True)
@@ -174,13 +174,13 @@ class Fit:
     @property
     def open(self) -> Mask:
         """Parameters along which the rows leave a direction open, (p,)."""
-        return np.asarray(np.abs(self.solution.weak).max(axis=1, initial=0.0) > 1e-9)
+        return np.abs(self.solution.weak).max(axis=1, initial=0.0) > 1e-9
 
     @property
     def effect(self) -> Floats:
         """Root mean square of each whitened column of the regressor, (p,): noise a unit of theta."""
         size = np.linalg.norm(self.whitened[:, :-1], axis=0)
-        return np.asarray(size / np.sqrt(max(1, self.counts.sum())))
+        return size / np.sqrt(max(1, self.counts.sum()))
 
     @property
     def leaves_open(self) -> bool:
@@ -225,20 +225,19 @@ def ordinary(factors: Floats, counts: Ints) -> Fit:
     return Fit("ols", solution.theta, same, solution.inverse, factors, counts)
 
 
-def weighted(factors: Floats, counts: Ints, max_rounds: int = 50) -> Fit:
+def weighted(factors: Floats, counts: Ints) -> Fit:
     """Fit with each joint divided by its own noise, found from the residuals and iterated.
 
     Args:
         factors: one factor per joint, (n, p + 1, p + 1) [N m or N].
         counts: number of rows of each joint, (n,).
-        max_rounds: limit of the iteration.
 
     Returns:
         The fit; its covariance is that of white residuals.
     """
     first = ordinary(factors, counts)
     noise = _joint_noise(factors, counts, first.theta, first.noise, first.covariance)
-    for _ in range(max_rounds):
+    for _ in range(tuning.FIT_ROUNDS):
         solution, before = solve(merge(factors, 1.0 / noise)), noise
         noise = _joint_noise(factors, counts, solution.theta, noise, solution.inverse)
         if np.all(np.abs(noise - before) <= 1e-4 * before):
@@ -250,7 +249,7 @@ def weighted(factors: Floats, counts: Ints, max_rounds: int = 50) -> Fit:
 def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:
     """Return the root mean square of each joint's residual for any parameters, (n,) [N m or N]."""
     residual = factors @ np.append(theta, -1.0)
-    return np.asarray(np.sqrt(np.sum(residual**2, axis=-1) / np.maximum(counts, 1)))
+    return np.sqrt(np.sum(residual**2, axis=-1) / np.maximum(counts, 1))
 
 
 def relative_error(factors: Floats, theta: Floats) -> float:
@@ -271,10 +270,10 @@ def _joint_noise(
         counts / np.maximum(free, tuning.LEAST_ROWS_LEFT)
     )
     own = np.where(free > tuning.LEAST_ROWS_LEFT, own, noise)
-    return np.asarray(np.maximum(own, _floor(factors, counts)))
+    return np.maximum(own, _floor(factors, counts))
 
 
 def _floor(factors: Floats, counts: Ints) -> Floats:
     """Return the rounding error of each joint's torque: noise-free simulations must not divide by zero."""
     torque = joint_rms(factors, counts, np.zeros(factors.shape[-1] - 1))
-    return np.asarray(1e-12 * np.maximum(torque, max(float(torque.max(initial=0.0)), 1e-30)))
+    return 1e-12 * np.maximum(torque, max(float(torque.max(initial=0.0)), 1e-30))

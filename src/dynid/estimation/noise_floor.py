@@ -139,7 +139,7 @@ def shifted(x: Floats, rows: float) -> Floats:
 def _rms(parts: Iterable[tuple[Floats, Mask]]) -> Floats:
     """Return the root mean square of each joint over the rows that count, (n,)."""
     squares = sum(np.sum(np.where(use, x, 0.0) ** 2, axis=0) for x, use in parts)
-    return np.asarray(np.sqrt(squares / np.maximum(1, sum(use.sum(axis=0) for _, use in parts))))
+    return np.sqrt(squares / np.maximum(1, sum(use.sum(axis=0) for _, use in parts)))
 
 
 def floor_from_spectrum(parts: Sequence[tuple[Floats, Mask]], chosen: Filter) -> Floats:
@@ -165,4 +165,4 @@ def floor_from_spectrum(parts: Sequence[tuple[Floats, Mask]], chosen: Filter) ->
         powers.append(step * np.abs(spectrum[inside]) ** 2 / gain[:, None])
     # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
     level = np.median(np.concatenate(powers), axis=0) / np.log(2.0)
-    return np.asarray(np.minimum(np.sqrt(level * np.sum(kernel**2)), _rms(parts)))
+    return np.minimum(np.sqrt(level * np.sum(kernel**2)), _rms(parts))

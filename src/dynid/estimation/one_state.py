@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.model.base_model import BaseModel
 from dynid.model.printing import number, statements
-from dynid.model.regressor import Model, prior_vector
 from dynid.robot import Robot
 
 #: Returns the torques of positions, velocities and accelerations of all joints.
@@ -55,7 +53,7 @@ def _sum(weights: Iterable[float], terms: Iterable[str]) -> str:
 
 # ---------------------------------------------------------------- the function
 def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneState | None:
-    """Return the inverse dynamics of single states; None where torques depend on more, or motors are coupled.
+    """Return the inverse dynamics of single states; None of a part of an arm, or where torques depend on more.
 
     Args:
         base: model and base parameters.
@@ -63,20 +61,15 @@ def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneSt
         error: the residual model whose mean is part of the torque; None without.
     """
     model, robot, n = base.model, base.robot, base.robot.n
-    if model.added or robot.coupling is not None:
+    if model.added or robot.coupling is not None or len(robot.identified_links) < n:
         return None
-    # Links that keep their prior take part.
-    every_link = Model(replace(robot, links=tuple(range(1, n + 1))), model.rigid)
-    names, size = every_link.parameter_names, len(every_link.link_columns)
-    own = [names.index(model.parameter_names[k]) for k in base.reduction.base]
-    others = [p.of_body and p.number not in robot.identified_links for p in every_link.parameters]
+    own, size = base.reduction.base, len(model.link_columns)
     # Why values of each joint: the residual model is orthogonal to the parameters joint by joint.
-    values, loads = np.zeros((2, n, every_link.size))
-    values += np.where(others, prior_vector(every_link), 0.0)
+    values, loads = np.zeros((2, n, model.size))
     values[:, own] = theta if error is None else theta + error.mean_by_rows[1]
     loads[:, own] = 0.0 if error is None else error.reference
     wanted = np.flatnonzero((values + abs(loads))[:, :size].any(axis=0))
-    program = model.rigid.restricted(every_link.link_columns[wanted])
+    program = model.rigid.restricted(model.link_columns[wanted])
     variables, text = statements(program, robot)
     signs = [
         coulomb(robot, j, f"qd[{j}]") if "coulomb" in joint.friction else "0.0"
@@ -87,11 +80,11 @@ def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneSt
     def torque(values: Floats, j: int) -> str:
         """Return the torque of a joint for values of its columns, (columns,)."""
         mine = program.rows == j
-        rubs = [k for k, p in enumerate(every_link.friction) if p.number == j + 1]
+        rubs = [k for k, p in enumerate(model.friction) if p.number == j + 1]
         spelled = {"fv": f"qd[{j}]", "fc": f"sign{j}", "fo": "1.0"}
         columns = [*wanted[program.cols[mine]], *(size + k for k in rubs)]
         terms = [text[slot] for slot in program.outputs[mine]]
-        terms += [spelled[every_link.friction[k].kind] for k in rubs]
+        terms += [spelled[model.friction[k].kind] for k in rubs]
         return _sum(values[columns].tolist(), terms)
 
     torques = [torque(values[j], j) for j in range(n)]

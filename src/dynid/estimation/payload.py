@@ -254,7 +254,7 @@ class LoadProblem:
         size = np.sqrt(np.maximum(np.diagonal(information.sum(axis=0)), 1e-300))
         share = information / np.outer(size, size) + UNTOLD * np.eye(len(size))
         moved = np.linalg.solve(share.sum(axis=0), (share @ (size * self.theta)).T) / size[:, None]
-        return np.asarray(np.einsum("p,jk->jpk", self.torque, np.eye(n)) - moved)
+        return np.einsum("p,jk->jpk", self.torque, np.eye(n)) - moved
 
     def _friction_change(self) -> Floats:
         """Return by how much friction may have changed: each column by all the friction of its joint, (f,)."""
@@ -265,7 +265,7 @@ class LoadProblem:
         torque = torque[np.argmax(size, axis=0)]
         least = tuning.FRICTION_CHANGE_LEAST * np.sqrt(rows)
         largest = size.max(axis=0)
-        return np.asarray(np.maximum(torque, least) / np.where(largest > 0.0, largest, 1.0))
+        return np.maximum(torque, least) / np.where(largest > 0.0, largest, 1.0)
 
 
 def last_link(base: BaseModel) -> NDArray[np.intp]:

@@ -38,7 +38,7 @@ from dynid.estimation.possible_set import (
     pseudo_inertia,
     smallest_eigenvalues,
 )
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders
 from dynid.model.regressor import prior_vector
 from dynid.robot import Robot
@@ -94,7 +94,7 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
     def about_centre(P: Floats, mass: Floats) -> Floats:
         point = P[:, :3, 3]
         of_point = point[:, :, None] * point[:, None, :]
-        return np.asarray(P[:, :3, :3] - of_point / np.where(mass > 0.0, mass, 1.0)[:, None, None])
+        return P[:, :3, :3] - of_point / np.where(mass > 0.0, mass, 1.0)[:, None, None]
 
     mass = P[:, 3, 3].copy()
     own, about_origin = about_centre(P, mass), np.trace(P[:, :3, :3], axis1=1, axis2=2)
@@ -108,18 +108,24 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
     return with_bodies(constraints, P, thin | light)
 
 
-def followed(constraints: PhysicalConstraints, x: Floats) -> Floats:
-    """Return (1 - s) B + s P of each link, (L, 4, 4), for parameters x, (c,)."""
-    P = pseudo_inertia(x[constraints.bodies])
-    return np.asarray(
-        (1.0 - tuning.PRIOR_FOLLOWED) * constraints.prior_pseudo_inertia + tuning.PRIOR_FOLLOWED * P
-    )
+def followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
+    """Return the constraints with the prior (1 - s) B + s P of each link, for parameters x, (c,).
+
+    Its entropic divergence bounds the price of the bodies from above.
+    """
+    B, P = constraints.prior_pseudo_inertia, pseudo_inertia(x[constraints.bodies])
+    return with_bodies(constraints, (1.0 - tuning.PRIOR_FOLLOWED) * B + tuning.PRIOR_FOLLOWED * P)
 
 
-def likeliest_size(constraints: PhysicalConstraints, x: Floats) -> float:
-    """Return the factor on all prior bodies that makes the bodies in x, (c,), likelier; 1 at its fixed point."""
-    P = pseudo_inertia(x[constraints.bodies])
-    share = np.einsum("lab,lba->l", np.linalg.inv(followed(constraints, x)), P) / 4
+def likeliest_size(bound: PhysicalConstraints, x: Floats) -> float:
+    """Return the factor on all prior bodies that makes the bodies in x, (c,), likelier; 1 at its fixed point.
+
+    Args:
+        bound: the constraints with the prior ``followed`` there.
+        x: parameters, (c,).
+    """
+    P = pseudo_inertia(x[bound.bodies])
+    share = np.einsum("lab,lba->l", np.linalg.inv(bound.prior_pseudo_inertia), P) / 4
     return float(np.mean(share)) if len(share) else 1.0
 
 
@@ -141,7 +147,7 @@ def curvature(constraints: PhysicalConstraints, x: Floats) -> Floats:
     )
     changes = frame[:, None] @ basis() @ frame[:, None].swapaxes(-1, -2)
     bent = np.einsum("lkab,la,lb,lmab->lkm", changes, weight, weight, changes, optimize=True)
-    return np.asarray(tuning.PRIOR_WEIGHT * bent)
+    return tuning.PRIOR_WEIGHT * bent
 
 
 # ---------------------------------------------------------------- the best-fitting arm
@@ -153,26 +159,26 @@ class PhysicalParameters:
         names: parameter names, (c,).
         x: their values, (c,), in their units.
         data_share: how much of each value comes from the data, 0 (prior) to 1, (c,).
-        cost: 1/2 |R x - r|^2, the penalty that holds offsets near zero with it.
-        objective: cost plus divergence from the prior.
+        objective: misfit plus divergence from the prior.
         covariance: posterior covariance of the values (Laplace's approximation), (c, c).
-        hessian: of the objective, (d, d).
+        information: of the rows about the values, (c, c).
+        prior: curvature of what the prior says there, (c, c).
         inflation: how many rows are worth one independent row.
     """
 
     names: tuple[str, ...]
     x: Floats
     data_share: Floats
-    cost: float
     objective: float
     covariance: Floats
-    hessian: Floats
+    information: Floats
+    prior: Floats
     inflation: float = 1.0
 
     @property
     def std_error(self) -> Floats:
         """Posterior standard deviation, data and prior together, (c,)."""
-        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
 
     @property
     def origin(self) -> dict[str, str]:
@@ -266,26 +272,21 @@ def fit_pooled(
     """
     x = feasible_start(constraints) if near is None else near
     constraints = with_pooled_prior(constraints, x)
-    bound = _followed(constraints, x)
+    bound = followed(constraints, x)
     for _ in range(tuning.POOLING_ROUNDS):
         x = minimise(_objective(R, r, bound), x, tuning.POOLING_TOLERANCE)
         before, constraints = bound, with_pooled_prior(constraints, x)
-        bound = _followed(constraints, x)
+        bound = followed(constraints, x)
         if not _settled(before, bound):
             continue
-        size = likeliest_size(constraints, x) if sized else 1.0
+        size = likeliest_size(bound, x) if sized else 1.0
         if abs(np.log(size)) < tuning.SIZE_SETTLED:
             break
         constraints = with_bodies(constraints, size * constraints.prior_pseudo_inertia)
-        bound = _followed(constraints, x)
+        bound = followed(constraints, x)
     objective = _objective(R, r, bound)
     x = minimise(objective, x)
     return _fit(objective, x, R, constraints, curvature(constraints, x)), constraints
-
-
-def _followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
-    """Return the constraints with the prior whose entropic divergence bounds the price of the bodies from above."""
-    return with_bodies(constraints, followed(constraints, x))
 
 
 def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
@@ -378,7 +379,7 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     for weight in (1e2, 1e4, 1e6, 1e8):
         y = minimise(replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y)
         if np.all(constraints.slack(y[:-1]) > 0.0):
-            return np.asarray(y[:-1])
+            return y[:-1]
     raise NotPhysical(
         "the known facts about the arm contradict each other: no masses and centres of mass keep all of them",
         fix="widen or drop a bound of the total mass, of a link's mass or of a centre of mass",
@@ -425,29 +426,25 @@ def _fit(
     if bent is not None:
         logs[constraints.bodies[:, :, None], constraints.bodies[:, None]] = bent
         logs, held = tuning.PRIOR_COUNTED * logs, tuning.PRIOR_COUNTED * held
-    hessian = data + held + logs
-    covariance, residual = _inverse(hessian), objective.R @ x - objective.r
+    prior = held + logs
+    covariance = _inverse(data + prior)
     after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs))
     rest = np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
     return PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
         x=x,
-        cost=float(0.5 * residual @ residual),
         objective=objective.value(x),
         data_share=np.clip(1.0 - rest, 0.0, 1.0),
         covariance=covariance,
-        hessian=hessian,
+        information=data,
+        prior=prior,
     )
 
 
 def with_honest_errors(
-    fit: PhysicalParameters,
-    held: Floats,
-    constraints: PhysicalConstraints,
-    less: float,
-    changes: Floats,
+    fit: PhysicalParameters, constraints: PhysicalConstraints, less: float, changes: Floats
 ) -> PhysicalParameters:
-    """Return a fit whose error bars hold what its Hessian does not know.
+    """Return a fit whose error bars hold what its curvature does not know.
 
     Rows tell less than they seem to. Common sizes, of bodies and of each kind of friction, are only estimated: the
     prior draws them to one size, and a fit at the likeliest size knows how large they are together from nobody else. So
@@ -455,23 +452,21 @@ def with_honest_errors(
 
     Args:
         fit: with error bars at the sizes that were found, as if rows told all.
-        held: what the prior says, its share of the Hessian, (c, c).
         constraints: with the columns that share a size.
         less: over how many independent rows one is spread, on top of what the fit counts.
         changes: A with A A^T the covariance that other recordings add, (c, k).
     """
-    open_ = held.copy()
+    open_ = fit.prior.copy()
     for columns in (constraints.bodies.ravel(), *constraints.pools):
-        along = held[np.ix_(columns, columns)] @ fit.x[columns]
+        along = fit.prior[np.ix_(columns, columns)] @ fit.x[columns]
         curved = float(along @ fit.x[columns])
         if len(columns) > 1 and curved > 0.0:
             open_[np.ix_(columns, columns)] -= np.outer(along, along) / curved
-    covariance = _inverse(open_ + (fit.hessian - held) / less) + changes @ changes.T
+    covariance = _inverse(open_ + fit.information / less) + changes @ changes.T
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
     growth = np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
     return replace(
         fit,
-        hessian=_inverse(covariance),
         covariance=covariance,
         data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
         inflation=fit.inflation * less,
@@ -487,3 +482,69 @@ def _inverse(H: Floats) -> Floats:
     # Why a pseudo-inverse: noise-free rows next to a wide prior make the matrix singular in double precision.
     inverse[np.ix_(seen, seen)] = scale[:, None] * np.linalg.pinv(scaled, hermitian=True) * scale
     return inverse
+
+
+# ---------------------------------------------------------------- before anything is measured
+def exciting_speed(robot: Robot) -> Floats:
+    """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
+    limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
+    return np.array(
+        [tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits]
+    )
+
+
+def random_states(
+    robot: Robot, speed: Floats, count: int = tuning.RANDOM_STATES, seed: int = 0
+) -> tuple[Floats, Floats, Floats]:
+    """Return positions inside the limits with velocities and accelerations of the order of a motion, (count, n) each.
+
+    Args:
+        robot: the arm.
+        speed: rms speed of each joint, (n,) [rad/s or m/s].
+        count: number of states.
+        seed: of the random draws.
+    """
+    rng = np.random.default_rng(seed)
+    turning, sliding = (tuning.FREE_REACH[kind] for kind in (True, False))
+    low, high = robot.travel((-turning, turning), (-sliding, sliding))
+    q = rng.uniform(low, high, (count, robot.n))
+    qd = rng.uniform(-2.0, 2.0, q.shape) * speed
+    return q, qd, rng.uniform(-4.0, 4.0, q.shape) * speed
+
+
+def exciting_states(
+    base: BaseModel, count: int = tuning.RANDOM_STATES
+) -> tuple[Floats, Floats, Floats]:
+    """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
+    speed = exciting_speed(base.robot)
+    q, qd, _ = random_states(base.robot, speed, count, seed=1)
+    fastest = 2 * np.pi * tuning.EXCITING_FREQUENCY * speed
+    return q, qd, np.random.default_rng(2).normal(size=q.shape) * fastest
+
+
+def prior_covariance(base: BaseModel) -> Floats:
+    """Return the covariance of the base parameters before anything is measured, (p, p), in products of their units.
+
+    Bodies are possible and resemble the prior's; nothing else of a joint (friction, rotor) needs more torque on an
+    exciting motion than its bodies do.
+
+    Args:
+        base: model and base parameters.
+
+    Raises:
+        NotPhysical: a body of the prior cannot exist.
+    """
+    constraints, K = constraints_of(base), base.reduction.K
+    require_possible_prior(constraints)
+    states, bodies = exciting_states(base), constraints.bodies
+    theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
+    torque = np.sqrt(np.mean((base.observer.dense(*states) @ theta) ** 2, axis=0))
+    torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))
+    covariance = np.zeros((K.shape[1], K.shape[1]))
+    others = np.delete(np.arange(K.shape[1]), bodies)
+    columns = base.model.observer(others).dense(*states)
+    size = np.sqrt(np.mean(columns**2, axis=0)) / torque[:, None]
+    covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
+    price = tuning.PRIOR_COUNTED * curvature(constraints, constraints.prior)
+    covariance[bodies[:, :, None], bodies[:, None]] = np.linalg.inv(price)
+    return K @ covariance @ K.T

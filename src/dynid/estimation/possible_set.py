@@ -105,7 +105,7 @@ class PhysicalConstraints:
 
     def slack(self, x: Floats) -> Floats:
         """Return how far parameters x, (c,) in their units, keep the bounds, (k,); negative: broken."""
-        return np.asarray(self.G @ x - self.h)
+        return self.G @ x - self.h
 
 
 def make_constraints(
@@ -204,7 +204,7 @@ class Objective:
         flat = bodies.reshape(-1, 10, 16)
         places = self.bodies[:, :, None], self.bodies[:, None, :]
         hessian[places] += self.gamma * (flat @ flat.swapaxes(-1, -2))
-        return np.asarray(hessian)
+        return hessian
 
 
 def minimise(
@@ -254,6 +254,6 @@ def solve_scaled(H: Floats, b: Floats) -> Floats:
     scaled = scale[:, None] * H * scale
     scaled[np.diag_indices_from(scaled)] = 1.0
     try:
-        return np.asarray(scale * np.linalg.solve(scaled, scale * b))
+        return scale * np.linalg.solve(scaled, scale * b)
     except np.linalg.LinAlgError:
-        return np.asarray(scale * np.linalg.lstsq(scaled, scale * b, rcond=None)[0])
+        return scale * np.linalg.lstsq(scaled, scale * b, rcond=None)[0]

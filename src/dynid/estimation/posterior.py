@@ -16,14 +16,19 @@ from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.identified import ExpectedError, Identified
 from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root
-from dynid.estimation.possible_arm import PhysicalParameters, constraints_of, with_honest_errors
-from dynid.estimation.prior import exciting_states, prior_covariance
+from dynid.estimation.possible_arm import (
+    PhysicalParameters,
+    constraints_of,
+    exciting_states,
+    prior_covariance,
+    with_honest_errors,
+)
 from dynid.estimation.recordings import Parts
 from dynid.estimation.residual_model import (
     NONE,
-    Arm,
     JointRows,
     ModelError,
+    arm_of,
     best_size,
     joints_apart,
     log_evidence,
@@ -79,11 +84,13 @@ def physical_posterior(
         NotPhysical: the prior of the robot file is itself not physical.
     """
     base, has_rows = stack.base, stack.logs and stack.earlier is None
-    arm = Arm.of_estimate(base, estimate)
-    alone, error, noise, worth = arm.theta, None, estimate.noise, estimate.inflation
+    K, error, noise, worth = base.reduction.K, None, estimate.noise, estimate.inflation
+    A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
+    arm = arm_of(base, np.column_stack([A, A @ estimate.theta]))
+    alone = K @ arm.x
     if has_rows and residual_model is not False:
         size = size if like is None else like.size
-        rows, large = JointRows.of(stack, estimate, alone, np.zeros(base.robot.n)), 0.0
+        rows, large = JointRows.of(stack, estimate, alone), 0.0
         if like is not None:
             for joint in like.free:
                 rows = rows.freed(joint)
@@ -97,28 +104,28 @@ def physical_posterior(
         if released or wanted:
             size, noise, worth = size if wanted else NONE, rows.noise, rows.inflation
             if rows.apart.any():
-                alone = Arm.of(base, rows.of_arm(NONE).rows, arm_of_all).theta
-            arm = Arm.of(base, rows.of_arm(size).rows, arm_of_all)
-            error = rows.residual(size, gain + large, arm.theta, stack.counts)
-    K, fit = arm.K, replace(arm.fit, inflation=worth)
-    changes, covariance = np.zeros((len(K), 0)), K @ fit.covariance @ K.T
+                alone = K @ arm_of(base, rows.of_arm(NONE).rows, arm_of_all).x
+            arm = arm_of(base, rows.of_arm(size).rows, arm_of_all)
+            error = rows.residual(size, gain + large, K @ arm.x, stack.counts)
+    theta, arm = K @ arm.x, replace(arm, inflation=worth)
+    changes, covariance = np.zeros((len(K), 0)), K @ arm.covariance @ K.T
     if has_rows and like is None:
         share = np.diagonal(covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
-        parts = Parts.of(stack, arm.theta, error, noise, worth, estimate.robust)
+        parts = Parts.of(stack, theta, error, noise, worth, estimate.robust)
         less = parts.disagreement(covariance, error, share < tuning.TOLD_SHARE)
-        changes = parts.changes(base, arm.theta)
+        changes = parts.changes(base, theta)
         of_all = np.linalg.pinv(K) @ changes
-        fit = with_honest_errors(fit, arm.hessian, constraints_of(base), less, of_all)
-    return Posterior(fit, arm.theta, K @ fit.covariance @ K.T, alone, error, changes)
+        arm = with_honest_errors(arm, constraints_of(base), less, of_all)
+    return Posterior(arm, theta, K @ arm.covariance @ K.T, alone, error, changes)
 
 
 def _with_joints_apart(
     base: BaseModel,
     rows: JointRows,
-    arm: Arm,
+    arm: PhysicalParameters,
     sizes_known: Floats | None,
     like: ModelError | None,
-) -> tuple[JointRows, Floats, Arm]:
+) -> tuple[JointRows, Floats, PhysicalParameters]:
     """Find the sizes of the groups of columns, and the joints whose torques contradict those of the others.
 
     The columns come first: where friction or a cable is what a joint has beyond the model, it contradicts nobody.
@@ -136,14 +143,14 @@ def _with_joints_apart(
     # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
     free = replace(base, model=replace(base.model, robot=replace(base.robot, known=Known())))
     if rows.free.any() or free.robot != base.robot:
-        arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
+        arm = arm_of(free, rows.of_arm(NONE).rows, arm)
     for _ in range(tuning.APART_ROUNDS):
         size = best_size(rows, arm) if sizes_known is None else sizes_known
         apart = joints_apart(rows, arm, size)[0] if like is None else like.apart
         if np.array_equal(apart, rows.apart):
             break
         rows = replace(rows, apart=apart)
-        arm = Arm.of(free, rows.of_arm(size).rows, arm)
+        arm = arm_of(free, rows.of_arm(size).rows, arm)
     return rows, size, arm
 
 
@@ -152,7 +159,9 @@ def contradicts(misfit: float, best: float) -> bool:
     return misfit > tuning.CONTRADICTION * best and misfit - best > NOISE_FREE
 
 
-def _with_large_torques(base: BaseModel, rows: JointRows, arm: Arm) -> tuple[JointRows, float]:
+def _with_large_torques(
+    base: BaseModel, rows: JointRows, arm: PhysicalParameters
+) -> tuple[JointRows, float]:
     """Let joints have a large torque of their position, one after the other, while the evidence gains by it.
 
     Args:
@@ -165,10 +174,10 @@ def _with_large_torques(base: BaseModel, rows: JointRows, arm: Arm) -> tuple[Joi
     """
     rows_given, gain, first = rows, 0.0, arm
 
-    def cost(rows: JointRows) -> tuple[float, Arm, JointRows]:
+    def cost(rows: JointRows) -> tuple[float, PhysicalParameters, JointRows]:
         of_arm = rows.of_arm(NONE)
-        candidate = Arm.of(base, of_arm.rows, arm)
-        return candidate.fit.objective - of_arm.volume, candidate, rows
+        candidate = arm_of(base, of_arm.rows, arm)
+        return candidate.objective - of_arm.volume, candidate, rows
 
     best, arm, _ = cost(rows)
     for _ in range(tuning.LARGE_TORQUE_JOINTS):
@@ -260,14 +269,14 @@ def information_of(result: Identified) -> tuple[Floats, Floats]:
         # Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens
         # to be too small its inverse would trust the log most.
         worth = max(float(np.sum((A @ result.covariance) * A)) / max(1, result.rank), 1e-300)
-        information = np.asarray(A.T @ A) / worth
+        information = A.T @ A / worth
     return information, result.noise * np.sqrt(worth)
 
 
 def sample_noise(result: Identified, rate: float) -> Floats:
     """Return the white noise of samples at a rate [Hz] that tell as much as a result's rows, (n,) [N m or N]."""
     rows = float(result.header["kept_rate_hz"])
-    return np.asarray(information_of(result)[1] * np.sqrt(rate / rows))
+    return information_of(result)[1] * np.sqrt(rate / rows)
 
 
 def prior_information(base: BaseModel) -> Floats:
@@ -283,6 +292,4 @@ def _inverse(covariance: Floats) -> Floats:
     """Return the inverse of a covariance, (p, p); variances below rounding count as rounding."""
     scale = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(
-        (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale)
-    )
+    return (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale)

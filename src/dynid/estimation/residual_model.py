@@ -33,8 +33,14 @@ from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
 from dynid.estimation.factor import Conditional, Factor, triangle
 from dynid.estimation.least_squares import Fit, symmetric_root
-from dynid.estimation.possible_arm import PhysicalParameters, constraints_of, fit_pooled
-from dynid.estimation.prior import exciting_speed, prior_covariance, random_states
+from dynid.estimation.possible_arm import (
+    PhysicalParameters,
+    constraints_of,
+    exciting_speed,
+    fit_pooled,
+    prior_covariance,
+    random_states,
+)
 from dynid.estimation.rows import at_rows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
@@ -79,7 +85,7 @@ def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
     def shapes(part: Segment) -> Floats:
         sign = part.coulomb_sign if part.coulomb_sign.size else observer.coulomb_sign(part.qd)
         columns = shapes_of(part.q, part.qd, sign, speed)
-        return np.asarray(columns.transpose(1, 2, 0).reshape(-1, len(part)))
+        return columns.transpose(1, 2, 0).reshape(-1, len(part))
 
     return at_rows(log, shapes).reshape(-1, len(speed), len(GROUPS))
 
@@ -95,7 +101,7 @@ def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
     """Return the rms speed of each joint, never quite zero, (n,) [rad/s or m/s]."""
     qd = np.concatenate([np.zeros((1, n)), *(part.qd for log in logs for part in log.segments)])
     rms = np.sqrt(np.sum(qd**2, axis=0) / max(1, len(qd) - 1))
-    return np.asarray(np.maximum(rms, 1e-3))
+    return np.maximum(rms, 1e-3)
 
 
 @dataclass(frozen=True)
@@ -203,9 +209,7 @@ class ModelError(Columns):
     def torque(self, W: Floats, shapes: Floats) -> Floats:
         """Return the mean torque of the model error for a base regressor and the shapes there, (M, n) [N m or N]."""
         D, (by_column, by_parameter) = _loaded(shapes, W @ self.reference), self.mean_by_rows
-        return np.asarray(
-            np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
-        )
+        return np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
 
 
 def torque_variance(
@@ -241,8 +245,8 @@ def residuals(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
 def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     """Return the sum of squared residuals of each joint on any rows, (n,) [N^2 m^2 or N^2]; as for ``residuals``."""
     if error is None:
-        return np.asarray(np.sum((stack.factors @ np.append(theta, -1.0)) ** 2, axis=1))
-    return np.asarray(np.sum(residuals(stack, theta, error) ** 2, axis=0, where=stack.rows.use))
+        return np.sum((stack.factors @ np.append(theta, -1.0)) ** 2, axis=1)
+    return np.sum(residuals(stack, theta, error) ** 2, axis=0, where=stack.rows.use)
 
 
 # ---------------------------------------------------------------- rows in the parameters and the columns
@@ -258,6 +262,7 @@ class JointRows:
         free: variance of the factors of columns that are free, in units of sigma^2, zero for all others, (n, k).
         apart: lambda of each joint: how far its own parameters may be from those of the arm, (n,).
         spread: L with L L^T = C, which lambda multiplies, (p, p).
+        K: base parameters as combinations of all parameters, (p, c).
     """
 
     factors: Floats
@@ -267,10 +272,11 @@ class JointRows:
     free: Floats
     apart: Floats
     spread: Floats
+    K: Floats
 
     @classmethod
-    def of(cls, stack: Stack, estimate: Fit, reference: Floats, apart: Floats) -> JointRows:
-        """Return the rows of a stack; an estimate solves those of the joints not apart where there is no model error.
+    def of(cls, stack: Stack, estimate: Fit, reference: Floats) -> JointRows:
+        """Return the rows of a stack; an estimate solves them where there is no model error.
 
         Reversals and spikes weigh as little as in the estimate: columns that say how friction depends on the speed
         would explain them with a friction that the arm does not have.
@@ -279,7 +285,6 @@ class JointRows:
             stack: the stacked logs.
             estimate: of the base parameters.
             reference: base parameters that give the torque of the load, (p,).
-            apart: lambda of each joint, (n,).
         """
         n, k, noise = len(stack.joints), len(GROUPS), estimate.noise
         none = np.zeros((n, len(reference), k))
@@ -291,16 +296,15 @@ class JointRows:
         columns = replace(columns, projection=_projection(stack.base, columns))
         factors = columns.changed(factors)
         factors /= (noise * np.sqrt(estimate.inflation))[:, None, None]
-        agree = apart == 0.0
-        factors[agree] = centred(factors[agree], k, estimate.theta)
         return cls(
-            factors=factors,
+            factors=centred(factors, k, estimate.theta),
             noise=noise,
             inflation=estimate.inflation,
             columns=columns,
             free=np.zeros((n, k)),
-            apart=apart,
+            apart=np.zeros(n),
             spread=symmetric_root(prior_covariance(stack.base)),
+            K=stack.base.reduction.K,
         )
 
     @property
@@ -441,63 +445,38 @@ UNTOLD = 1e-4
 SINGULAR = 1e-5
 
 
-@dataclass(frozen=True)
-class Arm:
-    """A possible arm that some rows ask for, and the prior there as a normal distribution.
+def arm_of(
+    base: BaseModel, rows: Floats, near: PhysicalParameters | None = None
+) -> PhysicalParameters:
+    """Return the possible arm that whitened rows [W tau] ask for, (m, p + 1), sought near another one.
 
-    Attributes:
-        K: base parameters as combinations of all parameters, (p, c).
-        x: all parameters, (c,).
-        hessian: of the price of the prior there, (c, c).
-        fit: the parameters with their errors.
+    From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
     """
+    R, begin = rows[:, :-1] @ base.reduction.K, None if near is None else near.x
+    return fit_pooled(R, rows[:, -1], constraints_of(base), begin, sized=True)[0]
 
-    K: Floats
-    x: Floats
-    hessian: Floats
-    fit: PhysicalParameters
 
-    @classmethod
-    def of(cls, base: BaseModel, rows: Floats, near: Arm | None = None) -> Arm:
-        """Return the arm that whitened rows [W tau] ask for, (m, p + 1), sought near another one.
+def evidence_of(arm: PhysicalParameters, K: Floats, S: Floats) -> tuple[float, Floats, Floats]:
+    """Return the log evidence of rows with the parameters integrated out, up to a constant, and their posterior.
 
-        From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
-        """
-        K, begin = base.reduction.K, None if near is None else near.x
-        R = rows[:, :-1] @ K
-        fit, _ = fit_pooled(R, rows[:, -1], constraints_of(base), begin, sized=True)
-        return cls(K, fit.x, fit.hessian - R.T @ R, fit)
+    Args:
+        arm: where the prior is taken for a normal distribution.
+        K: base parameters as combinations of all parameters, (p, c).
+        S: [W tau]^T [W tau] of all rows, (p + 1, p + 1).
 
-    @classmethod
-    def of_estimate(cls, base: BaseModel, estimate: Fit) -> Arm:
-        """Return the arm that an estimate asks for."""
-        A = estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
-        return cls.of(base, np.column_stack([A, A @ estimate.theta]))
-
-    @property
-    def theta(self) -> Floats:
-        """Base parameters, (p,)."""
-        return self.K @ self.x
-
-    def evidence(self, S: Floats) -> tuple[float, Floats, Floats]:
-        """Return the log evidence of rows with the parameters integrated out, up to a constant, and their posterior.
-
-        Args:
-            S: [W tau]^T [W tau] of all rows, (p + 1, p + 1).
-
-        Returns:
-            The evidence; the base parameters, (p,); the root of their covariance, (p, c).
-        """
-        Sw, theta = S[:-1, :-1], self.theta
-        away = np.append(theta, -1.0)
-        gradient = -self.K.T @ (S[:-1] @ away)
-        H = self.K.T @ Sw @ self.K + self.hessian
-        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-        root, volume = _inverse_root(scale[:, None] * H * scale)
-        weights = root.T @ (scale * gradient)
-        evidence = -0.5 * float(away @ S @ away - weights @ weights)
-        root = self.K @ (scale[:, None] * root)
-        return evidence + volume + float(np.sum(np.log(scale))), theta + root @ weights, root
+    Returns:
+        The evidence; the base parameters, (p,); the root of their covariance, (p, c).
+    """
+    theta = K @ arm.x
+    away = np.append(theta, -1.0)
+    gradient = -K.T @ (S[:-1] @ away)
+    H = K.T @ S[:-1, :-1] @ K + arm.prior
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    root, volume = _inverse_root(scale[:, None] * H * scale)
+    weights = root.T @ (scale * gradient)
+    evidence = -0.5 * float(away @ S @ away - weights @ weights)
+    root = K @ (scale[:, None] * root)
+    return evidence + volume + float(np.sum(np.log(scale))), theta + root @ weights, root
 
 
 def _inverse_root(H: Floats) -> tuple[Floats, float]:
@@ -505,16 +484,16 @@ def _inverse_root(H: Floats) -> tuple[Floats, float]:
     try:
         lower = np.linalg.cholesky(H)
         if np.min(np.diagonal(lower)) > SINGULAR:
-            return np.asarray(np.linalg.inv(lower).T), -float(np.sum(np.log(np.diagonal(lower))))
+            return np.linalg.inv(lower).T, -float(np.sum(np.log(np.diagonal(lower))))
     except np.linalg.LinAlgError:
         pass
     # Why eigenvalues, which take ten times as long: noise-free rows make H singular in double precision.
     value, vector = np.linalg.eigh(H)
     value = np.maximum(value, 1e-14)
-    return np.asarray(vector / np.sqrt(value)), -0.5 * float(np.sum(np.log(value)))
+    return vector / np.sqrt(value), -0.5 * float(np.sum(np.log(value)))
 
 
-def log_evidence(rows: JointRows, arm: Arm, size: Floats) -> tuple[float, Floats]:
+def log_evidence(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tuple[float, Floats]:
     """Return the log evidence of sizes, up to a constant, and its slopes by their logarithms, (groups,).
 
     The columns and the parameters are integrated out; joints that are apart have no say. The slope is that of the
@@ -523,13 +502,13 @@ def log_evidence(rows: JointRows, arm: Arm, size: Floats) -> tuple[float, Floats
 
     Args:
         rows: rows of all joints.
-        arm: prior of the parameters.
+        arm: where the prior of the parameters is taken for a normal distribution.
         size: lambda of each group, (groups,).
     """
     joints, sd = np.flatnonzero(rows.apart == 0.0), rows.deviations(size)
     each = rows.by_joint(size)
     total = sum(each[j][0].rows.T @ each[j][0].rows for j in joints)
-    evidence, theta, root = arm.evidence(np.asarray(total))
+    evidence, theta, root = evidence_of(arm, rows.K, np.asarray(total))
     slope = np.zeros(len(size))
     for j in joints:
         own, columns = each[j]
@@ -542,7 +521,7 @@ def log_evidence(rows: JointRows, arm: Arm, size: Floats) -> tuple[float, Floats
     return evidence, slope
 
 
-def best_size(rows: JointRows, arm: Arm) -> Floats:
+def best_size(rows: JointRows, arm: PhysicalParameters) -> Floats:
     """Return the sizes of the groups that make the data most likely, (groups,)."""
     from scipy.optimize import minimize, root  # here: their import takes as long as the search
 
@@ -567,17 +546,17 @@ def best_size(rows: JointRows, arm: Arm) -> Floats:
     def slopes(part: Floats) -> Floats:
         there = logs.copy()
         there[inside] = part
-        return np.asarray(negative(there)[1][inside])
+        return negative(there)[1][inside]
 
     # The evidence is flat beyond its rounding; where its slopes vanish is the same on every machine.
     if inside.any():
         level = root(slopes, logs[inside], tol=SETTLED).x
         if np.linalg.norm(slopes(level)) < np.linalg.norm(slopes(logs[inside])):
             logs[inside] = level
-    return np.asarray(np.exp(logs))
+    return np.exp(logs)
 
 
-def joints_apart(rows: JointRows, arm: Arm, size: Floats) -> tuple[Floats, float]:
+def joints_apart(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tuple[Floats, float]:
     """Return the lambda of each joint, 0 of those that agree with the others, (n,), and what the log evidence gains.
 
     One joint after the other is let apart, taken back or given another size, whatever makes the data most likely. What
@@ -586,7 +565,7 @@ def joints_apart(rows: JointRows, arm: Arm, size: Floats) -> tuple[Floats, float
 
     Args:
         rows: rows of all joints.
-        arm: prior of the parameters.
+        arm: where the prior of the parameters is taken for a normal distribution.
         size: lambda of each group of columns, (groups,).
     """
     sizes = np.append(0.0, tuning.APART_SIZES)
@@ -603,8 +582,9 @@ def joints_apart(rows: JointRows, arm: Arm, size: Floats) -> tuple[Floats, float
     def worth(place: Ints) -> float:
         if np.all(place):  # the last one has nobody left to contradict
             return -np.inf
-        evidence = arm.evidence(S[joints, place].sum(axis=0))[0] + volume[joints, place].sum()
-        return float(evidence) - tuning.APART_EVIDENCE * np.count_nonzero(place)
+        evidence = evidence_of(arm, rows.K, S[joints, place].sum(axis=0))[0]
+        evidence += float(volume[joints, place].sum())
+        return evidence - tuning.APART_EVIDENCE * np.count_nonzero(place)
 
     place = np.searchsorted(sizes, rows.apart)
     none, best = worth(np.zeros_like(place)), worth(place)

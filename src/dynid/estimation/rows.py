@@ -130,7 +130,7 @@ class Rows:
     @property
     def counts(self) -> Ints:
         """Number of rows of each joint, (n,)."""
-        return np.asarray(self.use.sum(axis=0))
+        return self.use.sum(axis=0)
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
@@ -227,7 +227,7 @@ def pieces(log: ConditionedLog) -> Iterator[Segment]:
 def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
     """Return signals under the filter of the torques, (C, N) -> (C, M)."""
     kernel, step = chosen.second_kernel, chosen.second_step
-    return np.asarray(decimate(np.ascontiguousarray(signals), kernel, step)[0])
+    return decimate(np.ascontiguousarray(signals), kernel, step)[0]
 
 
 def _counts(log: ConditionedLog) -> list[int]:
@@ -253,7 +253,7 @@ def _far(t: Floats, times: Floats, cutoff: float) -> Mask:
     ends = np.concatenate([[-np.inf], times, [np.inf]])
     after = np.searchsorted(times, t)
     nearest = np.minimum(t - ends[after], ends[after + 1] - t)
-    return np.asarray(nearest >= tuning.REVERSAL / cutoff)
+    return nearest >= tuning.REVERSAL / cutoff
 
 
 def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:

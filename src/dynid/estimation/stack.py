@@ -223,7 +223,7 @@ def _slope(t: Floats, tau: Floats) -> Floats:
     if len(t) > 2 * REACH:
         # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
         slope[2:-2] = (8 * (tau[3:-1] - tau[1:-3]) - (tau[4:] - tau[:-4])) / (12 * step)
-    return np.asarray(slope)
+    return slope
 
 
 def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:

@@ -41,6 +41,8 @@ RANK_TOLERANCE = 1e-8
 #: Rows that a joint must have beyond the parameters that they were spent on, before they say how noisy it is.
 #: evidence: none yet.
 LEAST_ROWS_LEFT = 1.0
+#: Rounds after which noise and weights are taken as they are. evidence: none yet.
+FIT_ROUNDS = 50
 #: Half of what coloured residuals take away is seen by a covariance that is made from the residuals themselves; a log
 #: of 20 rows per second is worth about one independent row per second, and never less than one in so many.
 #: evidence: none yet.

@@ -437,7 +437,7 @@ def _correlation(x: Floats, y: Floats) -> Floats:
     """Return how each column of x correlates with each of y, (n, n), 0 for those that do not change."""
     size = np.outer(x.std(axis=0), y.std(axis=0))
     covariance = x.T @ y / len(x) - np.outer(x.mean(axis=0), y.mean(axis=0))
-    return np.asarray(covariance / np.where(size > 0.0, size, 1.0))
+    return covariance / np.where(size > 0.0, size, 1.0)
 
 
 def check_slopes(log: Log, robot: Robot) -> Iterator[Finding]:

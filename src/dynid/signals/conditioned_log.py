@@ -85,18 +85,12 @@ class Segment:
         return Segment(**{name: values[part] for name, values in vars(self).items()})
 
 
-def condition(
-    log: Log,
-    chosen: Filter,
-    *,
-    measured_velocity: bool = False,
-) -> list[Segment]:
+def condition(log: Log, chosen: Filter) -> list[Segment]:
     """Resample, filter and differentiate a log: one segment for each part without gaps.
 
     Args:
         log: a prepared log, in DH quantities of one robot.
         chosen: the filters.
-        measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
 
     Raises:
         LogTooShort: no part is longer than the filters.
@@ -110,7 +104,7 @@ def condition(
 
     for part in _parts(log, chosen):
         q, qd, qdd = filtered(part.q, kernels)
-        if measured_velocity and part.qd is not None:
+        if chosen.measured_velocity and part.qd is not None:
             qd, qdd = filtered(part.qd, kernels[:2])
         clipped, command = part.extra.get("clipped"), part.extra.get("q_ref")
         usable = np.ones(q.shape, dtype=bool)
@@ -186,8 +180,6 @@ def signs_of_shapes(
     chosen: Filter,
     sharp: Coulomb,
     shapes: Sequence[Coulomb],
-    *,
-    measured_velocity: bool = False,
     most: int | None = None,
 ) -> list[Floats]:
     """Return the Coulomb signs of several shapes under the filter of the torques, (N, n, shapes) for each segment.
@@ -197,13 +189,12 @@ def signs_of_shapes(
         chosen: the filters.
         sharp: shape whose width is large against the noise of the velocity whose sign is taken.
         shapes: of the sign.
-        measured_velocity: as for ``condition``.
         most: samples of the beginning of each segment that are wanted; None for all.
     """
     kernels, step, found = chosen.first_kernels[:1], chosen.first_step, []
     count = None if most is None else (most - 1) * step + kernels.shape[1]
     for part in _parts(log, chosen):
-        x = part.qd if measured_velocity and part.qd is not None else part.q
+        x = part.qd if chosen.measured_velocity and part.qd is not None else part.q
         measured = x is part.qd
         cutoffs = choose_sign_cutoffs(x, sharp, chosen.rate, chosen.cutoff, measured=measured)
         signs = []
@@ -258,7 +249,7 @@ def segment_without_delay(segment: Segment, delay: float) -> Segment:
     t = segment.t + delay
     inside = (t >= segment.t[0]) & (t <= segment.t[-1])
     wanted = np.clip(t, segment.t[0], segment.t[-1])
-    tau = np.asarray(CubicSpline(segment.t, segment.tau, axis=0)(wanted))
+    tau = CubicSpline(segment.t, segment.tau, axis=0)(wanted)
     return replace(segment, tau=tau, usable=segment.usable & inside[:, None])
 
 
@@ -325,14 +316,13 @@ def condition_log(
     robot = model.robot
     with located(str(log.source or "")):
         chosen = choose_filter(log, robot, cutoff)
+        chosen = replace(chosen, measured_velocity=measured_velocity)
         clean, spikes = despiked(log, chosen.cutoff)
         sharp = robot.coulomb or robot.usual_coulomb
         speeds = zip(sharp.velocity, robot.joints, strict=True)
         rest = np.array([v if "coulomb" in joint.friction else 0.0 for v, joint in speeds])
-        segments = condition(clean, chosen, measured_velocity=measured_velocity)
-        signs = signs_of_shapes(
-            clean, chosen, sharp, [robot.coulomb_shape], measured_velocity=measured_velocity
-        )
+        segments = condition(clean, chosen)
+        signs = signs_of_shapes(clean, chosen, sharp, [robot.coulomb_shape])
     late = delay + delay_of(robot.effects)
     segments = [
         segment_without_delay(_without_rests(replace(s, coulomb_sign=sign[..., 0]), rest), late)

@@ -259,7 +259,7 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * waves**2, axis=0)
     power = 2 / (_HANN * len(q) ** 2) * below[np.searchsorted(f, cutoffs) - 1]
     noise = np.outer((2 * np.pi) ** 2 * cutoffs**2.5 * np.sqrt(2 / (5 * log.rate)), level)
-    return np.asarray(noise / np.sqrt(np.maximum(power, np.maximum(noise**2, 1e-300))))
+    return noise / np.sqrt(np.maximum(power, np.maximum(noise**2, 1e-300)))
 
 
 def white_noise(x: Floats) -> Floats:
@@ -268,16 +268,14 @@ def white_noise(x: Floats) -> Floats:
     if len(some) <= tuning.NOISE_ORDER:
         return np.zeros(x.shape[1])
     gain = math.comb(2 * tuning.NOISE_ORDER, tuning.NOISE_ORDER) ** 0.5
-    return np.asarray(
-        1.4826 * np.median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain
-    )
+    return 1.4826 * np.median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain
 
 
 def under(kernel: Floats, x: Floats) -> Floats:
     """Return a signal under a kernel, as long as it was, (N,); reflected in its end points it goes on as it was."""
     half = min(len(kernel) // 2, len(x) - 1)
     padded = np.pad(x, half, mode="reflect", reflect_type="odd")
-    return np.asarray(decimate(padded[None], kernel[None], 1)[0, 0])
+    return decimate(padded[None], kernel[None], 1)[0, 0]
 
 
 def choose_sign_cutoffs(
@@ -300,13 +298,13 @@ def choose_sign_cutoffs(
     sharpest = max(lowest, min(tuning.SHARPEST_HZ, tuning.SIGN_OF_RATE * rate))
     steps = np.log(allowed / noise) / ((0.5 if measured else 1.5) * ratio)
     most = np.log(sharpest / lowest) / ratio
-    return np.asarray(lowest * tuning.SIGN_RATIO ** np.clip(np.floor(steps), 0, np.floor(most)))
+    return lowest * tuning.SIGN_RATIO ** np.clip(np.floor(steps), 0, np.floor(most))
 
 
 def velocity_kernel(cutoff: float, rate: float, *, measured: bool) -> Floats:
     """Return what makes a velocity below a cut-off [Hz] of positions, or of measured velocities, (taps,)."""
     lowpass = lowpass_kernel(cutoff, rate)
-    return lowpass if measured else np.asarray(derivative_kernels(lowpass, rate)[1])
+    return lowpass if measured else derivative_kernels(lowpass, rate)[1]
 
 
 @dataclass(frozen=True)
@@ -318,12 +316,15 @@ class Filter:
         cutoff: cut-off of the parallel filter over torque and columns [Hz].
         first_step: thinning after the position filter.
         second_step: thinning after the parallel filter.
+        measured_velocity: whether the velocities of the driver are taken where there are any, and only these are
+            differentiated.
     """
 
     rate: float
     cutoff: float
     first_step: int
     second_step: int
+    measured_velocity: bool = False
 
     @property
     def position_cutoff(self) -> float:

@@ -39,7 +39,7 @@ def _change(x: Floats, half: int) -> Floats:
 
 def moving(log: Log, robot: Robot) -> Mask:
     """Return which joints move at which sample, (N, n)."""
-    return np.asarray(np.abs(speed(log)) > per_joint(tuning.MOVING_SPEED, robot))
+    return np.abs(speed(log)) > per_joint(tuning.MOVING_SPEED, robot)
 
 
 def any_moves(log: Log, robot: Robot) -> Mask:
@@ -118,18 +118,17 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     return (Finding("W313", "warning", text, {"seconds": seconds}),)
 
 
-def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:
+def sampled(t: Floats, q: Floats) -> Floats:
     """Return positions at the rate at which motions are compared, with short pauses, (M, n) [rad or m].
 
     Args:
         t: time, (N,) [s].
         q: positions, (N, n) [rad or m].
-        rate: [Hz].
     """
     pauses = np.flatnonzero(np.diff(t) > tuning.MOTION_PAUSE_S)
     lost = np.concatenate([[0.0], np.cumsum(t[pauses + 1] - t[pauses] - tuning.MOTION_PAUSE_S)])
     ends = t[pauses + 1] - lost[1:]
-    grid = np.arange(t[0], t[-1] - lost[-1], 1.0 / rate)
+    grid = np.arange(t[0], t[-1] - lost[-1], 1.0 / tuning.MOTION_HZ)
     times = grid + lost[np.searchsorted(ends, grid, side="right")]
     return np.column_stack([np.interp(times, t, column) for column in q.T])
 

@@ -79,7 +79,7 @@ def _check_length(log: Log) -> None:
 
 def same_rows(x: Floats) -> Mask:
     """Return which samples of x, (N, n), equal the one before them, (N - 1,)."""
-    return np.asarray(np.all(x[1:] == x[:-1], axis=1))
+    return np.all(x[1:] == x[:-1], axis=1)
 
 
 def _check_order(log: Log) -> None:
@@ -155,7 +155,7 @@ def _bend(t: Floats, q: Floats, close: Mask) -> Floats:
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     away = q[1:-1] - q[:-2]
     away -= share * (q[2:] - q[:-2])
-    return np.asarray(np.einsum("i,ij,ij->j", close, away, away) / max(1, int(close.sum())))
+    return np.einsum("i,ij,ij->j", close, away, away) / max(1, int(close.sum()))
 
 
 def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:

@@ -16,7 +16,7 @@ from dynid.disk import sha256, write_text
 from dynid.errors import Finding, LogNotFound, WrongUsage
 from dynid.estimation import observation_files, prediction
 from dynid.estimation.drive_gains import Gains, find_gains, known_load
-from dynid.estimation.findings import weakly_excited
+from dynid.estimation.estimate import weakly_excited
 from dynid.estimation.friction_step import with_coulomb, with_estimated_step
 from dynid.estimation.least_squares import condition_number, merge, solve
 from dynid.estimation.stack import (
@@ -209,9 +209,7 @@ def observe(
     if options.delay is None:
         stack, delay, late = on_time(stack)
     if base.robot.coulomb is None and base.robot.estimated_coulomb is None:
-        stack = with_estimated_step(
-            stack, checked, measured_velocity=options.velocity == "measured"
-        )
+        stack = with_estimated_step(stack, checked)
     return Observations(stack, delay, (*noticed, *late, *few, *copies), tuple(given))
 
 

@@ -1,6 +1,7 @@
 """The model error against the same Gaussian algebra done whole, and against torques that were hidden."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.recordings import Parts
 from dynid.estimation.residual_model import (
     NONE,
-    Arm,
     JointRows,
     best_size,
     log_evidence,
@@ -41,7 +41,7 @@ def fitted(base):
     """The rows of a log with something hidden, their estimate, and both for the residual model."""
     stack = stacked(base, hidden(base, 0))
     estimate = again(stack)
-    rows = JointRows.of(stack, estimate, estimate.theta, np.zeros(base.robot.n))
+    rows = JointRows.of(stack, estimate, estimate.theta)
     return (
         stack,
         estimate,
@@ -90,7 +90,8 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
 def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(fitted):
     _, estimate, rows = fitted
     sd = 1.0 + np.abs(estimate.theta)
-    known = Arm(np.eye(len(sd)), np.zeros(len(sd)), np.diag(1 / sd**2), None)
+    known = SimpleNamespace(x=np.zeros(len(sd)), prior=np.diag(1 / sd**2))
+    rows = replace(rows, K=np.eye(len(sd)))
     size = best_size(rows, known)
 
     def density(size):
@@ -129,7 +130,7 @@ def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on
     """Instruments find other parameters than least squares of the same rows."""
     stack, estimate, _ = fitted
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
-    rows = JointRows.of(stack, replace(estimate, theta=other), other, np.zeros(base.robot.n))
+    rows = JointRows.of(stack, replace(estimate, theta=other), other)
     left = rows.of_arm(np.full(3, 1e-9)).rows
     assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(
         other, rel=1e-5, abs=1e-6

@@ -39,7 +39,8 @@ def test_entropic_fit_reaches_the_optimum_that_clarabel_finds(arm, regime):
     fit = fit_physical(R, r, arm.constraints)
     best = clarabel_optimum(R, r, arm.constraints, tuning.PRIOR_WEIGHT)[0]
     bounds = -1e-5 * np.log(arm.constraints.slack(fit.x)).sum()
-    assert fit.objective - bounds == pytest.approx(best, abs=1e-3 * max(1.0, fit.cost / 10))
+    cost = 0.5 * np.sum((R @ fit.x - r) ** 2)
+    assert fit.objective - bounds == pytest.approx(best, abs=1e-3 * max(1.0, cost / 10))
     assert holds(arm.constraints, fit.x)
 
 
@@ -114,20 +115,17 @@ def test_how_large_all_of_a_kind_are_together_is_known_from_the_rows_alone(arm):
     """The penalty of bodies, friction and rotors is the same for all common sizes."""
     R, r = arm.whitened(*REGIMES["poor"])
     fit, constraints = fit_pooled(R, r, arm.constraints)
-    told = R.T @ R
-    none = np.zeros((len(fit.x), 0))
-    opened = with_honest_errors(fit, fit.hessian - told, constraints, 1.0, none)
+    told, none = R.T @ R, np.zeros((len(fit.x), 0))
+    opened, halved = (with_honest_errors(fit, constraints, less, none) for less in (1.0, 2.0))
+    after, half = (np.linalg.pinv(each.covariance, hermitian=True) for each in (opened, halved))
     for columns in (constraints.bodies.ravel(), *constraints.pools):
         together = np.zeros(len(fit.x))
         together[columns] = fit.x[columns]
         rows = together @ told @ together
-        assert together @ fit.hessian @ together > rows + 1.0
-        assert together @ opened.hessian @ together == pytest.approx(rows, 1e-6, 1e-6)
+        assert together @ (fit.information + fit.prior) @ together > rows + 1.0
+        assert together @ after @ together == pytest.approx(rows, 1e-6, 1e-6)
     assert np.all(opened.std_error >= 0.999999 * fit.std_error)
-    halved = with_honest_errors(fit, fit.hessian - told, constraints, 2.0, none)
-    assert opened.hessian - halved.hessian == pytest.approx(
-        told / 2.0, rel=1e-3, abs=1e-3 * told.max()
-    )
+    assert after - half == pytest.approx(told / 2.0, rel=1e-3, abs=1e-3 * told.max())
 
 
 def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm):
