@@ -8,8 +8,8 @@ from math import erfc, sqrt
 import numpy as np
 
 from dynid.estimation import tuning
-from dynid.estimation.covariance import NOT_DETERMINED
 from dynid.estimation.identified import Identified
+from dynid.estimation.least_squares import NOT_DETERMINED
 
 
 @dataclass(frozen=True)

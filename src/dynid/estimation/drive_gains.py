@@ -17,9 +17,8 @@ import numpy as np
 from dynid.arrays import Floats, Mask
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.factor import triangle
-from dynid.estimation.least_squares import solve
+from dynid.estimation.least_squares import hac_covariance, solve
 from dynid.estimation.payload import friction, last_link
 from dynid.estimation.rows import Rows, joined
 from dynid.estimation.stack import Stack

@@ -18,13 +18,14 @@ from dynid.errors import (
     WrongUsage,
 )
 from dynid.estimation import tuning
-from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import choose, fitted
 from dynid.estimation.identified import SAME_MOTION, JointQuality
 from dynid.estimation.least_squares import (
+    NOT_DETERMINED,
     Fit,
     condition_number,
     joint_rms,
+    judge,
     relative_error,
     solvable,
 )

@@ -19,9 +19,16 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance, widened
 from dynid.estimation.factor import triangle
-from dynid.estimation.least_squares import Fit, merge, ordinary, solve, weighted
+from dynid.estimation.least_squares import (
+    Fit,
+    hac_covariance,
+    merge,
+    ordinary,
+    solve,
+    weighted,
+    widened,
+)
 from dynid.estimation.rows import Rows, robust_noise
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel, prior_base_parameters

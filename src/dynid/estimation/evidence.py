@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from dynid.estimation import prediction
-from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
 from dynid.estimation.identified import SAME_MOTION, Identified
-from dynid.estimation.least_squares import relative_error
+from dynid.estimation.least_squares import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED, relative_error
 from dynid.files import typed
 from dynid.files.artifact import read_artifact, read_header, reading, unpacked
 from dynid.judgement.evidence import Evidence, GapEvidence, JointEvidence, Unseen

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.estimation import tuning
-from dynid.estimation.covariance import autocorrelation_time
+from dynid.estimation.least_squares import autocorrelation_time
 from dynid.estimation.rows import joined, parallel_filtered, rows_of
 from dynid.estimation.stack import Stack, stack_with_settled_effects
 from dynid.log import Log

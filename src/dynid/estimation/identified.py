@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.arrays import Floats
 from dynid.errors import Finding, WrongUsage
-from dynid.estimation.covariance import normal_quantile
-from dynid.estimation.least_squares import Fit, relative_error
+from dynid.estimation.least_squares import Fit, normal_quantile, relative_error
 from dynid.estimation.one_state import OneState, one_state
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import JointError

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from dynid.answer import Answer, Judged, judged, picked
 from dynid.disk import write_text
-from dynid.estimation.covariance import counted
 from dynid.estimation.draws import Draws, draws
 from dynid.estimation.evidence import evidence_of
 from dynid.estimation.identified import USED, Identified
+from dynid.estimation.least_squares import counted
 from dynid.files import typed
 from dynid.files.artifact import packed, read_artifact, reading, unpacked
 from dynid.files.robotfile import parse_robot, text_of

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +21,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Floats, Mask
 from dynid.errors import Finding
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance, widened
-from dynid.estimation.least_squares import Fit, merge, weighted
+from dynid.estimation.least_squares import Fit, hac_covariance, merge, weighted, widened
 from dynid.estimation.rows import (
     Rows,
     joined,
@@ -29,8 +30,10 @@ from dynid.estimation.rows import (
     row_times,
     rows_of,
 )
+from dynid.files.artifact import packed, read_artifact, reading, unpacked
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.regressor import Observer
+from dynid.npz import write_artifact
 from dynid.progress import advance, heard_by, notice, stage
 from dynid.signals.conditioned_log import (
     ConditionedLog,
@@ -38,6 +41,7 @@ from dynid.signals.conditioned_log import (
     with_effects,
 )
 
+SCHEMA = "dynid/fullnumericregressor/1"
 Ints = NDArray[np.int64]
 
 
@@ -114,6 +118,20 @@ class Stack:
         made = self.along(lambda log: regressor_of(on_command(log), self.observer))
         return replace(self.rows, Z=made)
 
+    def save(self, path: Path, header: dict[str, Any]) -> None:
+        """Write fullnumericregressor.npz: the conditioned logs and one triangular factor of [W tau] per joint.
+
+        That is all that least squares needs, small however long the logs were; the matrix itself is never stored.
+        """
+        arrays = {"R": self.factors, "rows": self.counts}
+        facts = {
+            **header,
+            "base": list(self.names),
+            "joints": list(self.joints),
+            "conditioned": packed(self.logs, arrays, "log"),
+        }
+        write_artifact(path, SCHEMA, facts, arrays)
+
     def along(self, made: Callable[[ConditionedLog], Floats]) -> Floats:
         """Return at the rows of the stack, (M, ...), what is made of each log at all of its rows."""
         of_logs = (self.rows.t[self.rows.log == k] for k in range(len(self.logs)))
@@ -123,6 +141,26 @@ class Stack:
                 for log, t in zip(self.logs, of_logs, strict=True)
             ]
         )
+
+
+def load_logs(path: Path) -> tuple[tuple[ConditionedLog, ...], dict[str, Any]]:
+    """Read fullnumericregressor.npz: the conditioned logs and the header."""
+    artifact = read_artifact(path, SCHEMA)
+    header = dict(artifact.header)
+    with reading(path):
+        kind, stored = tuple[ConditionedLog, ...], header.pop("conditioned")
+        logs: tuple[ConditionedLog, ...] = unpacked(kind, stored, artifact.arrays)
+        times = [segment.t for log in logs for segment in log.segments]
+        if not times or not all(np.all(np.diff(t) > 0) for t in times):
+            raise ValueError("it has no logs whose time increases")
+    return logs, header
+
+
+def load_factors(path: Path) -> tuple[Floats, dict[str, Any]]:
+    """Return the triangular factors of [W tau] in fullnumericregressor.npz, (n, p + 1, p + 1), and its header."""
+    artifact = read_artifact(path, SCHEMA)
+    with reading(path):
+        return artifact.arrays["R"], dict(artifact.header)
 
 
 def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:

@@ -14,7 +14,7 @@ from scipy.linalg import solve_toeplitz
 
 from dynid.arrays import Floats, Mask
 from dynid.errors import LogTooShort
-from dynid.estimation.covariance import autocorrelation_time
+from dynid.estimation.least_squares import autocorrelation_time
 from dynid.estimation.noise_floor import difference_of_runs, floor_from_spectrum, lag_of
 from dynid.estimation.tuning import SHORTEST_REPEAT_S
 from dynid.gap import tuning

@@ -10,9 +10,9 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.estimation import prediction
-from dynid.estimation.observation_files import load_factors
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
+from dynid.estimation.stack import load_factors
 from dynid.gap.record import GapRecord, read_record
 from dynid.judgement.rules import Judgement
 from dynid.robot import Robot

@@ -14,13 +14,15 @@ from dynid.answer import Answer, Answered, picked
 from dynid.arguments import one_thread, public
 from dynid.disk import sha256, write_text
 from dynid.errors import Finding, LogNotFound, WrongUsage
-from dynid.estimation import observation_files, prediction
+from dynid.estimation import prediction
 from dynid.estimation.drive_gains import Gains, find_gains, known_load
 from dynid.estimation.estimate import weakly_excited
 from dynid.estimation.friction_step import with_coulomb, with_estimated_step
 from dynid.estimation.least_squares import condition_number, merge, solve
 from dynid.estimation.stack import (
+    SCHEMA,
     Stack,
+    load_logs,
     on_time,
     scale_with_model,
     stack_logs,
@@ -155,7 +157,7 @@ class Observations(Answered):
     def save_stack(self, folder: Path, facts: dict[str, Any] | None = None) -> Path:
         """Write fullnumericregressor.npz alone."""
         path = RunFolder(folder).stack
-        observation_files.save(path, self.stack, {**(facts or {}), **self.header()})
+        self.stack.save(path, {**(facts or {}), **self.header()})
         return path
 
 
@@ -222,7 +224,7 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
         NotAnArtifact: it is damaged.
     """
     stored_key(path, base.robot)
-    conditioned, header = observation_files.load(path)
+    conditioned, header = load_logs(path)
     base.robot.require_joints(header["joints"], path)
     stage("log", f"from {path}: {', '.join(log.path for log in conditioned)}")
     with reading(path):
@@ -244,7 +246,7 @@ def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
     if not path.is_file():
         what = f"no log given, and there is no {path}"
         raise LogNotFound(what, fix=f"dynid identify {robot.word} LOG")
-    header = read_header(path) or dict(read_artifact(path, observation_files.SCHEMA).header)
+    header = read_header(path) or dict(read_artifact(path, SCHEMA).header)
     if header.get("key") != robot.model_key:
         what = f"{path} belongs to another version of the robot file"
         raise LogNotFound(what, fix=f"dynid parameters {robot.word} LOG")

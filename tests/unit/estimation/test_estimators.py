@@ -7,9 +7,18 @@ import pytest
 
 import models
 from dynid.errors import LogTooShort, RankDeficient
-from dynid.estimation.covariance import hac_covariance, judge, long_run_variance, widened
 from dynid.estimation.estimators import has_spikes, huber, instrumental, near_prior
-from dynid.estimation.least_squares import condition_number, merge, ordinary, solve, weighted
+from dynid.estimation.least_squares import (
+    condition_number,
+    hac_covariance,
+    judge,
+    long_run_variance,
+    merge,
+    ordinary,
+    solve,
+    weighted,
+    widened,
+)
 from dynid.estimation.rows import Rows
 from dynid.model.base_model import prior_base_parameters
 from dynid.signals.filters import lowpass_kernel

@@ -10,8 +10,7 @@ from test_stack import simulated, stacked, truth
 from dynid.estimation import tuning
 from dynid.estimation.estimators import fitted as estimated
 from dynid.estimation.factor import Factor
-from dynid.estimation.posterior import physical_posterior
-from dynid.estimation.recordings import Parts
+from dynid.estimation.posterior import Parts, physical_posterior
 from dynid.estimation.residual_model import (
     NONE,
     JointRows,

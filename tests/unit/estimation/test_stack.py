@@ -9,10 +9,9 @@ import dynid
 import models
 from dynid import Log
 from dynid.errors import RankDeficient
-from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import on_time, stack_logs
+from dynid.estimation.stack import load_logs, on_time, stack_logs
 from dynid.model.base_model import prior_base_parameters
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
@@ -152,8 +151,8 @@ def test_links_that_are_not_identified_keep_the_prior_and_are_part_of_the_torque
 
 def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
     found = stacked(base, simulated(base))
-    observation_files.save(tmp_path / "fullnumericregressor.npz", found, {"robot": "x"})
-    sources, header = observation_files.load(tmp_path / "fullnumericregressor.npz")
+    found.save(tmp_path / "fullnumericregressor.npz", {"robot": "x"})
+    sources, header = load_logs(tmp_path / "fullnumericregressor.npz")
     again = stack_logs(sources, base)
     assert again.factors == pytest.approx(found.factors, abs=1e-12)
     assert header["robot"] == "x"

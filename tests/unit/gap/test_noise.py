@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import LogTooShort
-from dynid.estimation.covariance import autocorrelation_time
+from dynid.estimation.least_squares import autocorrelation_time
 from dynid.gap.noise import (
     NoiseModel,
     RepeatPair,
