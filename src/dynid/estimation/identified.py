@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from operator import attrgetter
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
     from dynid.estimation.stack import Stack
 
 
-#: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
-Drawing = Callable[[Any, tuple[str, ...], bool], Any]
 #: How the text of what was held out ends where it is part of the fitted motion.
 SAME_MOTION = "the same motion"
 USED = {"physical": "the physically consistent parameters", "plain": "least squares"}
@@ -106,7 +103,6 @@ class Identified:
     motions: tuple[Floats, ...] = ()
     rigid: Program | None = None
     stack: Stack | None = None
-    draw: Drawing | None = None
 
     method = cast("str", _part("fit.method"))
     plain = cast("Floats", _part("fit.theta"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +55,8 @@ def predict(
     log: ConditionedLog,
     rows: Rows,
     theta: Floats,
-    error: ModelError | None = None,
-    observer: Observer | None = None,
+    error: ModelError | None,
+    observer: Observer,
 ) -> EstimatedMotion:
     """Predict the torques of one log.
 
@@ -65,10 +65,10 @@ def predict(
         rows: all its rows.
         theta: base parameters, (p,), each in its unit.
         error: the model error whose mean is part of the prediction; None without.
-        observer: evaluator of the base columns, which the model error needs.
+        observer: evaluator of the base columns.
     """
     tau = rows.torque(theta)
-    if error is not None and observer is not None:
+    if error is not None:
         tau = tau + error.torque(rows.W, shapes_in(log, observer, error.speed))
     q, qd, qdd = np.split(at_rows(log, lambda s: np.hstack([s.q, s.qd, s.qdd]).T), 3, axis=1)
     raw = zip(*(_raw(segment, log.filter) for segment in log.segments), strict=True)
@@ -99,13 +99,6 @@ def concatenated(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
     """Return motions one after the other as one, times as they are."""
     names = [field.name for field in fields(EstimatedMotion)]
     return EstimatedMotion(**{x: np.concatenate([getattr(m, x) for m in motions]) for x in names})
-
-
-def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
-    """Return motions one after the other, a second apart, as one."""
-    starts = np.cumsum([0.0, *(float(np.ptp(motion.t)) + 1.0 for motion in motions[:-1])])
-    pairs = zip(motions, starts, strict=True)
-    return concatenated([replace(m, t=m.t - m.t[0] + start) for m, start in pairs])
 
 
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:

@@ -30,7 +30,7 @@ from dynid.text import csv_row, yaml_text
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
 #: Fields of a result that are stored in another way, or not at all.
-_APART = ("robot", "header", "path", "rigid", "stack", "draw")
+_APART = ("robot", "header", "path", "rigid", "stack")
 
 
 class Identification(Identified, Judged):

@@ -58,10 +58,10 @@ def gathered(tmp_path_factory):
         reduction.names,
         x,
         np.linspace(0, 1, c),
-        cost=1.0,
         objective=2.0,
         covariance=0.01 * np.eye(c),
-        hessian=np.eye(c),
+        information=np.eye(c),
+        prior=np.zeros((c, c)),
     )
     error = np.where(np.arange(p) == 0, np.inf, 0.01)
     rng = np.random.default_rng(0)
