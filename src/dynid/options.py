@@ -8,7 +8,7 @@ function whether it comes as text from a terminal or as a Python value from a no
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import Field, dataclass, field, fields
 from numbers import Integral, Real
 from pathlib import Path
@@ -37,7 +37,7 @@ class Declaration:
         flag: long option of the command line; "" to make it from the field's name.
         pair: whether a flag can be switched off by ``--no-...``; its default may then be None, decided by the data.
         repeatable: whether it may be given several times.
-        shown: what None means, as help and the inputs of results say it.
+        nothing: word for None on the command line, in help and in the inputs of results.
         kind: type on the command line where annotation and default do not tell it: ``"input"`` (file that exists),
             ``"folder"``, ``"level"`` (how often it is given).
         bounds: smallest and largest number, None for no bound.
@@ -52,7 +52,7 @@ class Declaration:
     flag: str = ""
     pair: bool = False
     repeatable: bool = False
-    shown: str = ""
+    nothing: str | None = None
     kind: str = ""
     bounds: tuple[float | None, float | None] = (None, None)
     off: str = ""
@@ -102,7 +102,7 @@ class Options:
         texts = {}
         for each in fields(self):
             value = getattr(self, each.name)
-            text = declaration_of(each).shown if value is None else _text(value)
+            text = declaration_of(each).nothing if value is None else _text(value)
             if text:
                 texts[each.name] = text
         return texts
@@ -132,6 +132,8 @@ TYPES: dict[str, Any] = {
 def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
     """Return the value of an option as it is declared; what is raised says why there is none."""
     said, types = declaration_of(declared), str(declared.type).split(" | ")
+    if "None" in types and (value is None or (isinstance(value, str) and value == said.nothing)):
+        return None
     if isinstance(value, bytes):  # a sequence of whole numbers, which nobody means
         raise TypeError("bytes are no value")
     if said.read is not None:
@@ -162,11 +164,6 @@ def _text(value: Any) -> str:  # noqa: ANN401
 
 
 # ---------------------------------------------------------------- readers; a ValueError says what is wrong
-def unless(words: Sequence[str], read: Reader) -> Reader:
-    """Return a reader that gives None for None and for some words."""
-    return lambda value: None if value is None or value in words else read(value)
-
-
 def number_or_nan(value: Any) -> float:  # noqa: ANN401
     """Return a number, NaN for what is none."""
     try:
@@ -231,8 +228,8 @@ class LogOptions(Options):
         "Cut-off frequency [Hz] of the zero-phase low-pass filter over torques and regressor columns; "
         "auto takes it from the band of the motion.",
         metavar="auto|HZ",
-        shown="auto",
-        read=unless(("auto",), _frequency),
+        nothing="auto",
+        read=_frequency,
     )
     velocity: str | None = option(
         None,
@@ -252,8 +249,8 @@ class LogOptions(Options):
         "How much later than the positions the torques are stamped [s]; auto estimates the delay, reports it, and "
         "corrects it when it is clear.",
         metavar="auto|off|SECONDS",
-        shown="auto",
-        read=unless(("auto",), _delay),
+        nothing="auto",
+        read=_delay,
     )
     topic: str | None = option(
         None, "ROS topic of the joint states (default: the driver's).", metavar="TOPIC"

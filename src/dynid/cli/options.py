@@ -114,7 +114,7 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
     name, short = key_of(each), [f"-{each.name[0]}"] if each.name in SHORT else []
     facts |= {"default": each.default, "help": said.help, "metavar": said.metavar or None}
     facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
-    facts["show_default"] = said.shown or None
+    facts["show_default"] = said.nothing if each.default is None else None
     if "Path" in str(each.type):
         facts["type"] = PATH
     if said.pair:

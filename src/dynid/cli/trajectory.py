@@ -31,7 +31,7 @@ from dynid.trajectory.options import PlanOptions
 if TYPE_CHECKING:
     from dynid.robot import Robot
     from dynid.trajectory.preview import Drawing
-    from dynid.workflows.trajectory import Plan, Reviewed
+    from dynid.workflows.trajectory import Plan, SafeMotion
 
 #: Names of the still and of the animation, beside trajectory.npz.
 PICTURES = ("preview.png", "preview.gif")
@@ -210,9 +210,9 @@ def remove(pictures: Iterable[Path]) -> None:
         picture.unlink(missing_ok=True)
 
 
-def asked(session: Session, motion: Plan | Reviewed, look: View) -> Reply:
+def asked(session: Session, motion: SafeMotion, look: View) -> Reply:
     """Ask P2 while the window shows the motion."""
-    with workflows.trajectory.in_window(motion) if look.window else nullcontext():
+    with motion.in_window() if look.window else nullcontext():
         if look.window:
             session.stage("preview", "PyBullet window opened; press space there to replay")
         return ask(session, "P2", given=look.accept or None)

@@ -10,36 +10,7 @@ import numpy as np
 from dynid.estimation import tuning
 from dynid.estimation.identified import Identified
 from dynid.estimation.least_squares import NOT_DETERMINED
-
-
-@dataclass(frozen=True)
-class FigureOfMerit:
-    """One number in two results.
-
-    Attributes:
-        name: key of the JSON answer, a joint's figure with the joint in front; or base parameter.
-        before: in the baseline.
-        after: in the other.
-        percent: change [%]; of a parameter against its value, or against ten standard errors where that is more.
-    """
-
-    name: str
-    before: float
-    after: float
-    percent: float
-
-
-@dataclass(frozen=True)
-class Change(FigureOfMerit):
-    """One parameter in two results.
-
-    Attributes:
-        p_value: chance of such a change by noise alone; NaN where a result does not determine the parameter.
-        significant: whether it stands out among all parameters (Holm).
-    """
-
-    p_value: float
-    significant: bool
+from dynid.judgement.evidence import Change
 
 
 @dataclass(frozen=True)
@@ -53,15 +24,16 @@ class Comparison:
     """
 
     changes: tuple[Change, ...]
-    figures: tuple[FigureOfMerit, ...]
+    figures: tuple[Change, ...]
     p_value: float
 
     @property
     def drifted(self) -> tuple[Change, ...]:
         """Parameters that changed more than their errors allow, the most certain first."""
-        return tuple(sorted((c for c in self.changes if c.significant), key=lambda c: c.p_value))
+        certain = (each for each in self.changes if each.significant)
+        return tuple(sorted(certain, key=lambda each: each.p_value or 0.0))
 
-    def beyond(self, tolerance: float) -> tuple[FigureOfMerit, ...]:
+    def beyond(self, tolerance: float) -> tuple[Change, ...]:
         """Return the numbers that moved by more than a share, the largest move first."""
         moved = [x for x in (*self.figures, *self.changes) if not abs(x.percent) <= 100 * tolerance]
         return tuple(sorted(moved, key=lambda each: -abs(each.percent)))
@@ -98,12 +70,19 @@ def compare(baseline: Identified, other: Identified) -> Comparison:
     scale = np.maximum(np.abs(baseline.theta), tuning.CHANGE_FLOOR_ERRORS * error)
     columns = [x.tolist() for x in (baseline.theta, other.theta, scale, p_values, significant)]
     changes = tuple(
-        Change(name, before, after, _percent(before, after, size), p_value, sure)
+        Change(
+            name=name,
+            before=before,
+            after=after,
+            percent=_percent(before, after, size),
+            p_value=p_value if p_value == p_value else None,
+            significant=sure,
+        )
         for name, before, after, size, p_value, sure in zip(baseline.names, *columns, strict=True)
     )
     before, after = _figures(baseline), _figures(other)
     figures = tuple(
-        FigureOfMerit(name, x, after[name], _percent(x, after[name], abs(x)))
+        Change(name, x, after[name], _percent(x, after[name], abs(x)))
         for name, x in before.items()
         if name in after
     )

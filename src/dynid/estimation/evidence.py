@@ -72,9 +72,6 @@ def evidence_of(result: Identified) -> Evidence:
         physical=physical,
         doubts=tuple(code for code in codes if code in DOUBTS),
         alarms=tuple(code for code in codes if code in ALARMS),
-        mass=None if robot.torque.relative else sum(link["mass_kg"] for link in result.links()),
-        reach=float(sum(np.hypot(joint.a, joint.d) for joint in robot.joints if joint.revolute))
-        or None,
         known=sum(map(knowledge.count, (KNOWN_WELL, NEGLIGIBLE))) / max(1, len(result.names)),
         open=knowledge.count(NOT_DETERMINED),
     )

@@ -226,20 +226,24 @@ class GapEvidence:
 
 @dataclass(frozen=True)
 class Change:
-    """A number that changed since an earlier result.
+    """One number in two results.
 
     Attributes:
-        name: of the number.
-        before: its value.
-        after: its value.
-        p_value: chance of such a change when nothing has changed; None where it was not asked.
+        name: key of the JSON answer, a joint's figure with the joint in front; or base parameter.
+        before: in the earlier result.
+        after: in the later one.
+        percent: change [%]; of a parameter against its value, or against ten standard errors where that is more.
+        p_value: chance of such a change by noise alone; None where it was not asked.
+        significant: whether it stands out among all parameters (Holm).
         unit: of the values, "" where they have none.
     """
 
     name: str
     before: float
     after: float
+    percent: float = 0.0
     p_value: float | None = None
+    significant: bool = False
     unit: str = ""
 
 
@@ -262,8 +266,6 @@ class Evidence:
         physical: whether predictions use the possible arm.
         doubts: codes of findings that say that no possible arm explains the torques.
         alarms: codes of findings that say that the robot file or the log is read wrongly.
-        mass: of all links together [kg].
-        reach: length of all links together [m].
         known: share of the parameters that are known as well as the torques need.
         open: number of parameters that the logs do not determine.
         gap: what a search for missing effects found.
@@ -287,8 +289,6 @@ class Evidence:
     physical: bool | None = None
     doubts: tuple[str, ...] = ()
     alarms: tuple[str, ...] = ()
-    mass: float | None = None
-    reach: float | None = None
     known: float | None = None
     open: int | None = None
     gap: GapEvidence | None = None
@@ -299,8 +299,14 @@ class Evidence:
 
     @cached_property
     def lights(self) -> tuple[Light, ...]:
-        """How good each side is."""
-        return lights(self)
+        """How good fit, unseen motion, parameters, physics and missing effects are."""
+        rows = []
+        for name, title, covered, unknown in LIGHTS:
+            facts = list(covered(self))
+            state = worst(each for each, _ in facts) if facts else OPEN
+            text = "; ".join(text for each, text in facts if each == state and text)
+            rows.append(Light(name, title, state, text if facts else unknown))
+        return tuple(rows)
 
     @cached_property
     def states(self) -> dict[str, str]:
@@ -326,7 +332,12 @@ class Evidence:
     @cached_property
     def odd(self) -> list[Unseen]:
         """Replays that the model misses and no search has looked at."""
-        return unsearched(self)
+        seen = self.gap_evidence.logs
+        return [
+            each
+            for each in self.unseen
+            if each.log and each.log not in seen and unseen_state(each, self) != "good"
+        ]
 
     @cached_property
     def nothing(self) -> bool:
@@ -334,13 +345,8 @@ class Evidence:
         return worst(state for state, _ in of_search(self.gap_evidence)) == "good"
 
     @cached_property
-    def worst_unseen(self) -> Unseen | None:
-        """The unseen rows that speak most against the model."""
-        return worst_of(self.unseen, self)
-
-    @cached_property
     def worst_elsewhere(self) -> Unseen | None:
-        """The same of motion that was not fitted."""
+        """The motion that was not fitted and speaks most against the model."""
         return worst_of((u for u in self.unseen if not u.same_motion), self)
 
     @cached_property
@@ -383,23 +389,15 @@ class Light:
 
     Attributes:
         name: what it is about; a key of JSON answers.
+        title: the same as a reader sees it.
         state: ``"good"``, ``"fair"``, ``"bad"`` or ``"open"``.
         text: the facts that it is as bad as, in numbers.
     """
 
     name: str
+    title: str
     state: str
     text: str
-
-    @property
-    def title(self) -> str:
-        """What it is about, as a reader sees it."""
-        names = {
-            "unseen motion": "validation",
-            "knowledge": "parameters",
-            "complete": "missing effects",
-        }
-        return names.get(self.name, self.name)
 
     @property
     def shown(self) -> str:
@@ -545,15 +543,12 @@ def _physics(evidence: Evidence) -> Iterator[Fact]:
         codes = ", ".join(dict.fromkeys(evidence.doubts))
         state = "bad" if evidence.physical is False else "fair"
         yield state, f"physically consistent parameters fit worse ({codes})"
-    if evidence.mass is not None and evidence.reach:
-        text = f"the links weigh {evidence.mass:.3g} kg in all on {evidence.reach:.2g} m of arm"
-        yield unless_good(grade(evidence.mass / evidence.reach**2, tuning.MASS), text)
 
 
 def _complete(evidence: Evidence) -> Iterator[Fact]:
     if evidence.gap is not None:
         yield from of_search(evidence.gap)
-        for each in unsearched(evidence):
+        for each in evidence.odd:
             yield "fair", f"{each.name} was not searched"
 
 
@@ -580,32 +575,16 @@ def of_search(gap: GapEvidence) -> list[Fact]:
     return facts or [("fair", "the search compared no joint with its noise")]
 
 
-def unsearched(evidence: Evidence) -> list[Unseen]:
-    """Return replays that the model misses and that the search for missing effects has not looked at."""
-    seen = () if evidence.gap is None else evidence.gap.logs
-    return [
-        each
-        for each in evidence.unseen
-        if each.log and each.log not in seen and unseen_state(each, evidence) != "good"
-    ]
-
-
-#: The lights: name, the facts that each covers, and what is said where there is none.
+#: The lights: name, what it is about as a reader sees it, the facts that each covers, and what is said without any.
 LIGHTS = (
-    ("fit", _fit, "no log was fitted"),
-    ("unseen motion", _unseen, "not validated on another motion"),
-    ("knowledge", _knowledge, "it is not known how well the logs determine the parameters"),
-    ("physics", _physics, "physical consistency was not checked"),
-    ("complete", _complete, "not searched: dynid gap"),
+    ("fit", "fit", _fit, "no log was fitted"),
+    ("unseen motion", "validation", _unseen, "not validated on another motion"),
+    (
+        "knowledge",
+        "parameters",
+        _knowledge,
+        "it is not known how well the logs determine the parameters",
+    ),
+    ("physics", "physics", _physics, "physical consistency was not checked"),
+    ("complete", "missing effects", _complete, "not searched: dynid gap"),
 )
-
-
-def lights(evidence: Evidence) -> tuple[Light, ...]:
-    """Return the lights of fit, unseen motion, parameters, physics and missing effects."""
-    rows = []
-    for name, covered, unknown in LIGHTS:
-        facts = list(covered(evidence))
-        state = worst(each for each, _ in facts) if facts else OPEN
-        text = "; ".join(text for each, text in facts if each == state and text)
-        rows.append(Light(name, state, text if facts else unknown))
-    return tuple(rows)

@@ -21,10 +21,10 @@ from dynid.judgement.evidence import (
     at_noise,
     farthest,
     folder_of,
-    joint_state,
     shown,
     unseen_state,
     worst,
+    worst_of,
 )
 from dynid.table import with_error
 from dynid.text import shell
@@ -36,7 +36,7 @@ def answer(e: Evidence) -> str:
     if e.alarms:
         return "The robot file does not describe the arm of these logs."
     if e.asked == "gap" and e.gap is not None:
-        return of_gap(e, nothing=e.nothing)
+        return of_gap(e)
     if e.asked == "replay" and e.unseen:
         return of_replay(e.unseen[-1], e)
     return of_changes(e) if e.asked == "change" else of_result(e)
@@ -44,11 +44,11 @@ def answer(e: Evidence) -> str:
 
 def of_result(e: Evidence) -> str:
     """Return what a model is worth."""
-    states, worst = e.states, e.worst_unseen
+    states, worst = e.states, worst_of(e.unseen, e)
     unseen = states["unseen motion"]
     # What is missing is why the model is no better, and what to do about it.
     if e.gap_evidence.missing:
-        return of_gap(e, nothing=False)
+        return of_gap(e)
     if unseen == "good" and states["physics"] == "bad" and states["fit"] != "bad":
         return (
             "The model predicts held-out motions to within their noise, but its parameters are not physically "
@@ -57,7 +57,7 @@ def of_result(e: Evidence) -> str:
     for light in e.lights:
         if light.state == "bad":
             said = f"Do not use this model yet: {light.text}."
-            return of_gap(e, nothing=False) if light.name == "complete" else said
+            return of_gap(e) if light.name == "complete" else said
     if unseen == "open":
         logs = f"the training log{'s' * (len(e.logs) > 1)}"
         error = f"Relative torque error {shown(e.fitted)} % on {logs}. " if e.fitted else ""
@@ -127,9 +127,9 @@ def of_changes(e: Evidence) -> str:
 
 
 # ---------------------------------------------------------------- missing effects
-def of_gap(e: Evidence, *, nothing: bool) -> str:
-    """Return what is missing; ``nothing`` says that the search found no more than noise."""
-    gap, changed = e.gap_evidence, e.gap_evidence.question == "changed"
+def of_gap(e: Evidence) -> str:
+    """Return what is missing, or that the search found no more than noise."""
+    gap, changed, nothing = e.gap_evidence, e.gap_evidence.question == "changed", e.nothing
     if nothing and e.odd:
         log = e.odd[0]
         error = f"relative torque error {shown(log.percent)} % there"
@@ -213,13 +213,6 @@ def reasons(e: Evidence, sentence: str) -> Iterator[str]:
         yield from _replay_reasons(e.unseen[-1], e, sentence)
     elif e.asked != "change" and (tested := e.worst_elsewhere):
         yield from _replay_reasons(tested, e, sentence)
-    if e.asked in ("result", "replay") and not e.alarms:
-        weak = [
-            x for x in e.joints if (x.percent or 0.0) > tuning.FIT[1] and joint_state(x) == "fair"
-        ]
-        errors = (f"{x.fitted:.2g} of {x.torque:.2g} {x.unit} on {x.joint}" for x in weak)
-        if weak:
-            yield f"Joints with little torque here: rms error {', '.join(errors)}; small beside their rating."
 
 
 def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]:

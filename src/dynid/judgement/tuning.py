@@ -30,9 +30,6 @@ MISSING = (1.5, 2.0)
 #: Error of the possible arm over that of the plain estimate that is good, and still fair.
 #: evidence: estimators.md, simulated possible arms reach 1.1; a counterbalance or an unknown load begins at 1.5.
 POSSIBLE = (1.2, 2.0)
-#: Mass of all links over the square of their length that arms have at most, and that no arm has [kg/m^2].
-#: evidence: data sheets: Kinova Gen2 3, UR10e 16, iiwa 14 19, TX40 45, KR 210 75.
-MASS = (150.0, 500.0)
 #: Share of the parameters not known as well as the torques need up to which that is good, and still fair. evidence:
 #: excitation.md, optimised motions leave 0 to 0.2; of 32 simulated situations above a half, 16 were within twice the
 #: noise on an unseen motion (benchmarks/judgement.py, seed 1). Logs of two seconds leave all, and errors of 3 % where

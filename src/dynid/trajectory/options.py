@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dynid.options import LEAST, Options, numbers, option, share, unless
+from dynid.options import LEAST, Options, numbers, option, share
 
 if TYPE_CHECKING:
     from dynid.trajectory.scene import Box, Scene
@@ -73,7 +73,7 @@ class PlanOptions(Options):
         None,
         "Weights of the paper's Eq. 14; they choose --cost paper.",
         metavar="L1,L2",
-        read=unless((), _weights),
+        read=_weights,
     )
     restarts: int = option(
         5,
@@ -93,7 +93,8 @@ class PlanOptions(Options):
         "0",
         "Height of the floor in the world [m].",
         metavar="Z|none",
-        read=unless(("none",), lambda value: numbers(value, 1)[0]),
+        nothing="none",
+        read=lambda value: numbers(value, 1)[0],
     )
     obstacles: tuple[Box, ...] = option(
         (),
@@ -107,14 +108,14 @@ class PlanOptions(Options):
         None,
         "Box x0,y0,z0,x1,y1,z1 in the world [m] that the tool stays in.",
         metavar="BOX",
-        read=unless((), _box),
+        read=_box,
     )
     noise: tuple[float, ...] | None = option(
         None,
         "Standard deviation of the torques [N m], one number or one per joint (default: the robot file's, or "
         "0.3 % of the rating).",
         metavar="NM[,NM...]",
-        read=unless((), _noise),
+        read=_noise,
     )
     rate: float = option(100.0, "Rate of the samples and of the coming log [Hz].", bounds=(1, 2000))
     seed: int = option(0, "Seed of every random choice.")

@@ -11,12 +11,11 @@ from typing import Any
 from dynid.answer import Answer, Answered, Judged, Part, picked
 from dynid.arguments import public
 from dynid.errors import WrongUsage
-from dynid.estimation.compare import Comparison, FigureOfMerit, same_parameters
+from dynid.estimation.compare import Comparison, same_parameters
 from dynid.estimation.compare import compare as compared
 from dynid.estimation.result import Identification
 from dynid.files import typed
-from dynid.judgement.evidence import Change as ChangedNumber
-from dynid.judgement.evidence import Evidence
+from dynid.judgement.evidence import Change, Evidence
 from dynid.judgement.rules import Judgement
 from dynid.loading import ResultLike, as_result, as_results
 from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
@@ -48,7 +47,7 @@ class ComparedRun(Judged):
     earlier: str = ""
 
     @property
-    def changed(self) -> tuple[FigureOfMerit, ...]:
+    def changed(self) -> tuple[Change, ...]:
         """The numbers that changed: beyond the tolerance, or without one more than noise explains."""
         if self.comparison is None:
             return ()
@@ -72,12 +71,7 @@ class ComparedRun(Judged):
         if not self.reference:
             return self.result.evidence
         units = {row["name"]: row["unit"] for row in self.result.parameter_rows()}
-        changes = tuple(
-            ChangedNumber(
-                each.name, each.before, each.after, _chance(each), units.get(each.name, "")
-            )
-            for each in self.changed
-        )
+        changes = tuple(replace(each, unit=units.get(each.name, "")) for each in self.changed)
         return replace(
             self.result.evidence,
             asked="change",
@@ -95,7 +89,7 @@ class ComparedRun(Judged):
                 "before": f"{each.before:.5g}",
                 "after": f"{each.after:.5g}",
                 "change": f"{each.percent:+.2f} %",
-                "p": "-" if (chance := _chance(each)) is None else f"{chance:.1g}",
+                "p": "-" if each.p_value is None else f"{each.p_value:.1g}",
             }
             for each in self.changed
         ]
@@ -132,12 +126,6 @@ class ComparedRun(Judged):
             },
             "log_sha256": list(result.log_sha256),
         }
-
-
-def _chance(changed: FigureOfMerit) -> float | None:
-    """Return the probability that noise alone changes a number so much; None where that is unknown."""
-    chance = getattr(changed, "p_value", float("nan"))
-    return chance if chance == chance else None
 
 
 @dataclass(frozen=True, repr=False)

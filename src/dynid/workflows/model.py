@@ -42,9 +42,9 @@ def adapted(robot: Robot, options: ModelOptions) -> Robot:
         rotors = "motor_inertia" in options.effects
         joints = (replace(joint, friction=friction, motor_inertia=rotors) for joint in robot.joints)
         robot = replace(robot, joints=tuple(joints))
-    if options.links is None:
+    if not options.links:
         return robot
-    links = joint_indices(robot.joint_names, str(options.links), "--links")
+    links = joint_indices(robot.joint_names, ",".join(options.links), "--links")
     return replace(robot, links=tuple(sorted(k + 1 for k in links)))
 
 

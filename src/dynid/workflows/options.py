@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite
-from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +20,6 @@ from dynid.options import (
     numbers,
     option,
     share,
-    unless,
 )
 from dynid.robot import EffectSpec, Prior
 from dynid.text import closest, whole_number
@@ -78,14 +76,6 @@ def _effects(value: Any) -> tuple[str, ...]:  # noqa: ANN401
         if word not in EFFECTS:
             raise ValueError(f"no effect '{word}'; choose from {', '.join(EFFECTS)}, or none")
     return words
-
-
-def _links(value: Any) -> str:  # noqa: ANN401
-    if isinstance(value, str):
-        return value
-    if not all(isinstance(link, Integral) for link in value):
-        raise TypeError("it is not a list of links, such as 1-7")
-    return ",".join(str(link) for link in value)
 
 
 def _holdout(value: Any) -> Any:  # noqa: ANN401
@@ -150,19 +140,19 @@ class ModelOptions(Options):
         None,
         "Gravity in frame 0 [m/s^2], instead of the robot file's.",
         metavar="X,Y,Z",
-        read=unless((), partial(numbers, count=3)),
+        read=partial(numbers, count=3),
     )
     effects: tuple[str, ...] | None = option(
         None,
         f"Columns of every joint: some of {','.join(EFFECTS)}; or none.",
         metavar="LIST",
-        read=unless((), _effects),
+        read=_effects,
     )
-    links: str | Sequence[int] | None = option(
+    links: tuple[str, ...] | None = option(
         None,
         "Links to identify, such as 1-7 or 4,5,6; the others keep the prior.",
         metavar="LIST",
-        read=unless((), _links),
+        read=_words,
     )
     samples: int = option(
         200,
@@ -173,8 +163,8 @@ class ModelOptions(Options):
         None,
         "Relative singular value below which columns count as dependent.",
         metavar="auto|X",
-        read=unless(("auto",), lambda value: float(value)),
-        shown="auto",
+        nothing="auto",
+        read=float,
     )
 
 
@@ -187,13 +177,13 @@ class IdentifyOptions(LogOptions):
         "Link inertias that are known before measuring: a YAML file with `links:` or `cylinders:`, or a URDF of this "
         "arm (default: those of the robot file).",
         metavar="FILE",
-        read=unless((), lambda value: value if isinstance(value, Prior) else Path(value)),
+        read=lambda value: value if isinstance(value, Prior) else Path(value),
     )
     total_mass: Range | None = option(
         None,
         "Smallest and largest mass of all identified links together [kg].",
         metavar="LOW:HIGH",
-        read=unless((), _bounds),
+        read=_bounds,
     )
     link_mass: tuple[tuple[int, Range], ...] = option(
         (),
@@ -232,8 +222,8 @@ class IdentifyOptions(LogOptions):
         "Held-out data: a share at the end of each log, another log, or none; auto holds out the "
         "last motion if the logs hold several, else the last 20 % of each log.",
         metavar="auto|SHARE|LOG|none",
-        shown="auto",
-        read=unless(("none",), _holdout),
+        nothing="none",
+        read=_holdout,
     )
     drop_weak: bool = option(
         False, "Continue when the log does not determine all parameters, or only badly."
@@ -260,7 +250,7 @@ class ValidateOptions(LogOptions):
         None,
         "Exit 1 if the total relative torque error is larger.",
         metavar="SHARE",
-        read=unless((), share),
+        read=share,
     )
     residual_model: bool | None = option(
         None,
@@ -373,7 +363,7 @@ class CompareOptions(Options):
         None,
         "Largest change of any number against the baseline; without it the noise is the measure.",
         metavar="SHARE",
-        read=unless((), share),
+        read=share,
     )
 
 

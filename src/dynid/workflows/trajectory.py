@@ -44,7 +44,7 @@ from dynid.robot import Robot
 from dynid.table import Table
 from dynid.text import shell
 from dynid.trajectory.basis import basis_from
-from dynid.trajectory.feasible import Bounds, assumed_limits, unsafe_to_play
+from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.limits import LimitCheck, require_within_limits
 from dynid.trajectory.optimise import optimise
 from dynid.trajectory.options import PlanOptions
@@ -78,72 +78,68 @@ from dynid.workflows.model import base_model
 FAR = 0.3
 #: How many of the closest pairs the JSON answer lists.
 CLOSEST = 5
-#: How a search can end, in words; ``{done}`` says how many starts finished.
-ENDINGS = {
-    "no search": "a random motion",
-    "all starts": "all {done}",
-    "time": "the time limit was reached, {done}",
-    "interrupt": "interrupted, {done}",
-}
 
 
 @dataclass(frozen=True)
-class SearchRecord:
-    """How a motion was found.
+class SafeMotion:
+    """A motion that keeps all limits and stays clear of everything.
 
     Attributes:
-        seed: of the search.
-        ended: why the search ended, a key of ``ENDINGS``.
-        finished_starts: number of starts that went to their end.
-        share: how much of the motion is left after it was drawn in to keep clear.
+        context: the arm, the limits and the surroundings that it was judged with.
+        trajectory: the motion as coefficients of its family, at its speed factor.
+        clearance: how far it stays away from the arm itself, the floor and obstacles.
+        urdf: shapes of the arm that distances were measured with; None for cylinders along the DH table.
     """
 
-    seed: int
-    ended: str
-    finished_starts: int
-    share: float
+    context: PlanningContext
+    trajectory: Trajectory
+    clearance: Clearance
+    urdf: Path | None
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.context.robot
+
+    @property
+    def scene_facts(self) -> dict[str, Any]:
+        """In which surroundings it was judged, and with which shapes of the arm; for ``dynid record``."""
+        urdf = None if self.urdf is None else str(self.urdf.resolve())
+        return {**self.context.options.scene.facts, "urdf": urdf}
+
+    def in_window(self) -> AbstractContextManager[None]:
+        """Show it in PyBullet's window for the length of a ``with`` block.
+
+        Raises:
+            NoDisplay: there is no display.
+        """
+        return window(self.trajectory, self.robot, self.urdf, self.context.options.scene)
 
 
 @dataclass(frozen=True, repr=False)
-class Plan(Answered):
+class Plan(Answered, SafeMotion):
     """A motion that keeps all limits and stays clear of everything, with what it will teach.
 
     Attributes:
-        robot: the arm.
-        options: what was wanted.
-        trajectory: the motion as coefficients of its family, at its speed factor.
-        motion: its samples at ``options.rate``.
-        limits: the limits, margins taken off.
-        check: what the motion uses of them.
-        clearance: how far it stays away from the arm itself, the floor and obstacles.
-        names: names of the base parameters, (p,).
+        motion: its samples at ``PlanOptions.rate``.
+        check: what the motion uses of the limits.
         prediction: expected standard errors and torque error of a log of it.
         alphas: what each speed factor costs.
-        noise: standard deviation of each joint's torque, (n,) [N m or N].
-        noise_from: where that comes from, in words.
+        noise_from: where the noise of the torques comes from, in words.
         weakest: base parameter whose error costs the most torque on other motions.
-        search: how the motion was found; None when a person gave the path.
-        urdf: shapes of the arm that distances were measured with; None for cylinders along the DH table.
+        search: how the motion was found, as the JSON answer says it; None when a person gave the path.
         review: who accepted the motion; None when nobody has.
         outlook: how much better a second gap search will be, in words.
         unexplained: rms torque that an earlier result leaves whatever the parameters [N m or N]; None without one.
     """
 
-    robot: Robot
-    options: PlanOptions
-    trajectory: Trajectory
     motion: Motion
-    limits: Bounds
     check: LimitCheck
-    clearance: Clearance
-    names: tuple[str, ...]
     prediction: Prediction
     alphas: tuple[AlphaRow, ...]
-    noise: Floats
     noise_from: str
     weakest: str
-    search: SearchRecord | None
-    urdf: Path | None = None
+    search: dict[str, Any] | None
     review: Review | None = None
     outlook: tuple[str, ...] = ()
     unexplained: float | None = None
@@ -156,32 +152,29 @@ class Plan(Answered):
             text = f"the robot file has no limits for {'; '.join(assumed)} is assumed"
             text += "; dynid record refuses assumed rates"
             findings.append(Finding("W606", "warning", text, {"assumed": list(assumed)}))
-        error, noise = self.at_full_speed.torque_error, self.noise_rms
-        if error > noise:
-            text = f"expected torque error on other motions {error:.2g} {torque_unit(self.robot)} even at full speed"
-            text += f", more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
-            findings.append(Finding("W608", "warning", text, {"expected_torque_error_nm": error}))
+        if text := self.too_little:
+            error = {"expected_torque_error_nm": self.at_full_speed.torque_error}
+            findings.append(Finding("W608", "warning", text, error))
         return tuple(findings)
+
+    @property
+    def too_little(self) -> str:
+        """Why a log of it would predict other motions worse than one sample measures; empty where it would not."""
+        error, noise = self.at_full_speed.torque_error, self.noise_rms
+        if error <= noise:
+            return ""
+        text = f"expected torque error on other motions {error:.2g} {torque_unit(self.robot)} even at full speed"
+        return f"{text}, more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
 
     @property
     def noise_rms(self) -> float:
         """The noise of one sample, rms of all joints [N m or N]."""
-        return float(np.sqrt(np.mean(self.noise**2)))
-
-    @property
-    def sentence(self) -> str:
-        """What the motion is worth, in one sentence."""
-        return plan_sentence(self.robot, self.facts())
+        return float(np.sqrt(np.mean(self.context.noise**2)))
 
     @property
     def at_full_speed(self) -> AlphaRow:
         """What the motion costs and teaches at full speed."""
         return next(row for row in self.alphas if row.alpha == 1.0)
-
-    @property
-    def std_errors(self) -> dict[str, float]:
-        """Expected standard error of each base parameter, that of the prior where the motion shows nothing of it."""
-        return dict(zip(self.names, self.prediction.std_error.tolist(), strict=True))
 
     def accepted(self, *, seen: bool = True) -> Plan:
         """Return the plan with the mark of the person at this machine, who has seen it, or accepts it unseen."""
@@ -190,6 +183,7 @@ class Plan(Answered):
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid trajectory`` says."""
         figures, distances = self.prediction.figures, self.clearance.distances
+        errors = self.prediction.std_error
         peak = {
             "position_rad": "position",
             "velocity_rad_s": "velocity",
@@ -213,39 +207,16 @@ class Plan(Answered):
             ],
             "left_out_pairs": list(self.clearance.left_out),
             "assumed_limits": list(assumed_limits(self.robot)),
-            "predicted_std_error": self.std_errors,
+            "predicted_std_error": dict(
+                zip(self.context.base.reduction.base_names, errors.tolist(), strict=True)
+            ),
             "expected_torque_error_nm": self.prediction.torque_error,
             "ladder": [asdict(row) for row in self.alphas],
-            "torque_noise_nm": self.noise.tolist(),
-            **picked(self, "weakest", torque_noise_from="noise_from"),
+            "torque_noise_nm": self.context.noise.tolist(),
+            **picked(self, "weakest", "search", torque_noise_from="noise_from"),
             "unexplained_torque_nm": self.unexplained,
-            "search": None if self.search is None else asdict(self.search),
             "outlook": list(self.outlook),
         }
-
-    def stored(self, inputs: Mapping[str, str] | None = None) -> StoredTrajectory:
-        """Return the plan as trajectory.npz holds it.
-
-        Args:
-            inputs: what it was made from, for the header.
-        """
-        answer = self.facts()
-        return StoredTrajectory(
-            robot=self.robot.name,
-            joints=self.robot.joint_names,
-            motion=self.motion,
-            alpha=self.trajectory.alpha,
-            basis=self.trajectory.basis.facts,
-            coefficients=self.trajectory.coefficients,
-            review=self.review,
-            facts={
-                "answer": answer,
-                "inputs": dict(inputs or {}),
-                **picked(self.options, "seed", rate_hz="rate"),
-                "scene": scene_facts(self.options, self.urdf),
-                **{key: answer[key] for key in ("assumed_limits", "left_out_pairs")},
-            },
-        )
 
     def save(self, path: Path | str, inputs: Mapping[str, str] | None = None) -> list[Path]:
         """Write trajectory.npz, and the same motion as CSV and for ROS beside it.
@@ -256,14 +227,30 @@ class Plan(Answered):
             path: the .npz file.
             inputs: what the plan was made from, for the header.
         """
-        path = Path(path)
+        path, answer = Path(path), self.facts()
         endings = (".csv", ".yaml", "_ros2.yaml", "_ros2_goal.yaml")
         texts = [path.with_name(f"{path.stem}{ending}") for ending in endings]
         write_csv(texts[0], self.robot.joint_names, self.motion)
         write_joint_trajectory(texts[1], self.robot, self.motion)
         write_joint_trajectory(texts[2], self.robot, self.motion, ros=2)
         write_joint_trajectory(texts[3], self.robot, self.motion, ros=2, goal=True)
-        write_trajectory(path, self.stored(inputs))
+        stored = StoredTrajectory(
+            robot=self.robot.name,
+            joints=self.robot.joint_names,
+            motion=self.motion,
+            alpha=self.trajectory.alpha,
+            basis=self.trajectory.basis.facts,
+            coefficients=self.trajectory.coefficients,
+            review=self.review,
+            facts={
+                "answer": answer,
+                "inputs": dict(inputs or {}),
+                **picked(self.context.options, "seed", rate_hz="rate"),
+                "scene": self.scene_facts,
+                **{key: answer[key] for key in ("assumed_limits", "left_out_pairs")},
+            },
+        )
+        write_trajectory(path, stored)
         return [path, *texts]
 
     def table(self) -> Table:
@@ -277,10 +264,10 @@ class Plan(Answered):
 
     def answer(self) -> Answer:
         """Return what ``dynid trajectory`` answers."""
-        pictures = [("preview", str(picture)) for picture in self.clearance.pictures]
+        facts, pictures = self.facts(), [("preview", str(x)) for x in self.clearance.pictures]
         return Answer(
-            self.facts(),
-            self.sentence,
+            facts,
+            plan_sentence(self.robot, facts),
             (*self.findings, self.table()),
             notes=(*self.lines(), *pictures),
         )
@@ -291,15 +278,12 @@ class Plan(Answered):
         basis = run.basis.facts
         kind = f"{len(basis['knots']) - 1} {basis['kind']} segments, {run.basis.duration:.1f} s at full speed"
         slow = f"{run.duration:.1f} s at alpha {run.alpha:g} (speed x{run.alpha:g}, acceleration x{run.alpha**2:.2g})"
-        lines = [("plan", f"{kind}; {slow}")]
-        if (search := self.search) is not None:
-            done = f"{search.finished_starts} start{'s' * (search.finished_starts != 1)} finished"
-            drawn = f", reduced to {100 * search.share:.0f} % of its size to avoid collisions"
-            ended = ENDINGS[search.ended].format(done=done) + drawn * (search.share < 1)
-            lines.append(("search", f"{ended}; seed {search.seed}"))
         most = max(peak.share for peak in self.check.peaks)
         used = f"all inside, at most {100 * most:.0f} % of them less their margin"
-        lines.append(("limits", f"{used}; tool up to {self.check.tool_speed:.2f} m/s"))
+        lines = [
+            ("plan", f"{kind}; {slow}"),
+            ("limits", f"{used}; tool up to {self.check.tool_speed:.2f} m/s"),
+        ]
         for near in self.clearance.distances[:1]:
             size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
             lines.append(
@@ -308,19 +292,15 @@ class Plan(Answered):
         if self.clearance.left_out and self.urdf is None:
             pairs = f"{', '.join(self.clearance.left_out)}; {thickness(self.robot)}"
             lines.append(("left out", f"always close to each other, so not checked: {pairs}"))
-        if assumed := assumed_limits(self.robot):
-            lines.append(("assumed", f"not in the robot file: {'; '.join(assumed)}"))
         condition = (
             f"{figures.condition:.3g} (columns of equal length: {figures.condition_scaled:.3g})"
         )
-        lines.append(("excitation", f"condition number {condition}; weakest: {self.weakest}"))
-        lines += [("gap", text) for text in self.outlook]
-        lines.append(
-            (
-                "noise",
-                f"{self.noise_rms:.2g} {torque_unit(self.robot)} rms per sample, {self.noise_from}",
-            )
-        )
+        noise = f"{self.noise_rms:.2g} {torque_unit(self.robot)} rms per sample, {self.noise_from}"
+        lines += [
+            ("excitation", f"condition number {condition}; weakest: {self.weakest}"),
+            *(("gap", text) for text in self.outlook),
+            ("noise", noise),
+        ]
         if run.alpha < 1:
             # So that nobody identifies from a first, slow run by mistake.
             times = self.prediction.torque_error / full.torque_error
@@ -346,11 +326,6 @@ def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
         f"This motion of {facts['duration_s']:.1f} s keeps all limits of {robot.name}. "
         f"With a recording of it the model should predict other motions to {error}."
     )
-
-
-def scene_facts(options: PlanOptions, urdf: Path | None) -> dict[str, Any]:
-    """Return in which surroundings a motion was judged, and with which shapes of the arm; for ``dynid record``."""
-    return {**options.scene.facts, "urdf": None if urdf is None else str(urdf.resolve())}
 
 
 # ---------------------------------------------------------------- what is known before
@@ -504,51 +479,30 @@ def plan_trajectory(
     chosen, (check, clearance) = first_accepted(candidates, safe, until)
     stage("predict")
     if through is None:
-        ended = (outcome.ended, outcome.finished) if outcome else ("no search", 0)
-        search = SearchRecord(options.seed, *ended, chosen.share)
+        ended, finished = (outcome.ended, outcome.finished) if outcome else ("no search", 0)
+        search = {
+            "seed": options.seed,
+            "ended": ended,
+            "finished_starts": finished,
+            "share": chosen.share,
+        }
+    expected = [float(np.sqrt(np.mean(each.expected.noise**2))) for each in results[:1]]
     plan = Plan(
-        robot=context.robot,
-        options=options,
+        context=context,
         trajectory=chosen.trajectory,
-        motion=chosen.trajectory.sampled(options.rate),
-        limits=context.limits,
-        check=check,
         clearance=clearance,
-        names=base.reduction.base_names,
+        urdf=urdf,
+        motion=chosen.trajectory.sampled(options.rate),
+        check=check,
         **_predicted(context, chosen.trajectory),
-        noise=noise,
         noise_from=source,
         search=search,
-        urdf=urdf,
-        unexplained=_unexplained(results),
+        unexplained=expected[0] if expected else None,
         outlook=tuple(outlook(base, question, chosen.trajectory)) if question else (),
     )
-    if outcome is not None and question is None and not results:
-        require_teaching(plan)
+    if outcome is not None and question is None and not results and plan.too_little:
+        raise PlanTeachesLittle(plan.too_little)
     return plan
-
-
-def _unexplained(results: Sequence[Identification]) -> float | None:
-    """Return the rms torque that the first of earlier results leaves whatever the parameters; None without one."""
-    known = (each.expected.noise for each in results)
-    return next((float(np.sqrt(np.mean(noise**2))) for noise in known), None)
-
-
-def require_teaching(plan: Plan) -> None:
-    """Refuse a plan whose log would predict other motions worse than one sample measures, even at full speed.
-
-    Args:
-        plan: what was found.
-
-    Raises:
-        PlanTeachesLittle: it teaches too little (E511).
-    """
-    noise, full = plan.noise_rms, plan.at_full_speed
-    if full.torque_error <= noise:
-        return
-    error = f"expected torque error on other motions {full.torque_error:.2g} N m even at full speed"
-    more = f"more than the noise of one sample ({noise:.2g} N m)"
-    raise PlanTeachesLittle(f"{error}, {more}; weakest is {plan.weakest}")
 
 
 def _without_effects(base: BaseModel) -> BaseModel:
@@ -576,28 +530,18 @@ def _predicted(context: PlanningContext, trajectory: Trajectory) -> dict[str, An
 
 # ---------------------------------------------------------------- motions planned before
 @dataclass(frozen=True)
-class Reviewed:
+class Reviewed(SafeMotion):
     """A motion that was planned before and passed the checks once more.
 
     Attributes:
-        robot: the arm.
-        options: surroundings and margins that it was judged with.
         stored: what its file holds.
-        trajectory: the motion as coefficients of its family.
-        clearance: how far it stays away from everything.
-        urdf: shapes of the arm; None for cylinders along the DH table.
     """
 
-    robot: Robot
-    options: PlanOptions
     stored: StoredTrajectory
-    trajectory: Trajectory
-    clearance: Clearance
-    urdf: Path | None
 
     def accept(self, *, seen: bool = True) -> None:
         """Write its file with the mark of the person at this machine, who has seen it in these surroundings."""
-        accepted = self.stored.accepted(seen=seen, scene=scene_facts(self.options, self.urdf))
+        accepted = self.stored.accepted(seen=seen, scene=self.scene_facts)
         assert accepted.source is not None
         write_trajectory(accepted.source, accepted)
 
@@ -635,16 +579,7 @@ def review_trajectory(
     require_within_limits(context.check(trajectory), options.margin)
     look = drawing or Drawing()
     clearance = require_clear_motion(context, trajectory, urdf, look, draw_motion)
-    return Reviewed(robot, options, stored, trajectory, clearance, urdf)
-
-
-def in_window(motion: Plan | Reviewed) -> AbstractContextManager[None]:
-    """Show a motion in PyBullet's window for the length of a ``with`` block.
-
-    Raises:
-        NoDisplay: there is no display.
-    """
-    return window(motion.trajectory, motion.robot, motion.urdf, motion.options.scene)
+    return Reviewed(context, trajectory, clearance, urdf, stored)
 
 
 def stored_answer(robot: Robot, path: Path) -> Answer:

@@ -378,4 +378,4 @@ def test_a_search_that_left_nothing_open_or_was_of_another_arm_asks_for_no_motio
 def test_what_nothing_explains_is_looked_for_by_the_usual_motion(gap, base):
     plan = planned(base, left_open(gap, verdict="unexplained"))
     assert plan.outlook == ()
-    assert plan.search.ended == "all starts"
+    assert plan.search["ended"] == "all starts"
