@@ -87,19 +87,17 @@ def judged(
 ) -> Answer:
     """Return the answer of a judgement: its sentences, its sides, and what follows them."""
 
-    def sides(*states: str) -> Iterator[Part]:
-        for side in judgement.lights:
-            if side.state in states:
-                yield side.shown, ": ".join(filter(None, (side.title, side.text)))
+    def sides(*states: str) -> list[Part]:
+        lights = (light for light in judgement.lights if light.state in states and light.text)
+        return [(light.shown, f"{light.title}: {light.text}") for light in lights]
 
-    names = {
-        word: ", ".join(side.title for side in judgement.lights if side.state == state)
-        for state, word in (("good", "good"), ("open", "untested"))
+    titles = {
+        word: ", ".join(light.title for light in judgement.lights if light.shown == word)
+        for word in ("good", "untested")
     }
-    named = ((word, titles) for word, titles in names.items() if titles)
     return Answer(
         facts,
-        parts=(judgement, *sides("bad", "fair"), *named, "", *parts),
+        parts=(judgement, *sides("bad", "fair"), *filter(all, titles.items()), "", *parts),
         details=(*sides("good"), *details),
         next=judgement.steps,
     )

@@ -43,18 +43,6 @@ ResultLike: TypeAlias = Identification | str | Path
 MotionLike: TypeAlias = Motion | HasMotion | str | Path
 
 
-_ROBOT = "an arm: a name such as 'kuka_lwr4plus', the path of a robot file or URDF, or what dynid.load_robot returns"
-
-
-_LOG = "a log: its path, or what dynid.load_log returns"
-
-
-_RESULT = "a result: its folder, its parameters.npz, or what dynid.identify returns"
-
-
-_MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz"
-
-
 URDF = ".urdf"
 
 
@@ -227,22 +215,23 @@ def as_robot(value: RobotLike, name: str = "robot") -> Robot:
     """Return an arm given by itself, by name, or by the path of its file."""
     if isinstance(value, (str, Path)):
         return load_robot(value)
-    return instance(value, Robot, name, _ROBOT)
+    wanted = "a name such as 'kuka_lwr4plus', the path of a robot file or URDF, or what dynid.load_robot returns"
+    return instance(value, Robot, name, f"an arm: {wanted}")
 
 
 def as_log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:
     """Return a log given by itself, or by its path."""
     if isinstance(value, (str, Path)):
         return read_log(value, arm, options)
-    return instance(value, Log, name, _LOG)
+    return instance(value, Log, name, "a log: its path, or what dynid.load_log returns")
 
 
 def as_logs(value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs") -> list[Log]:
     """Return one or several logs, each given by itself or by its path."""
-    return [as_log(each, arm, options, name) for each in _several(value, name)]
+    return [as_log(each, arm, options, name) for each in several(value, name)]
 
 
-def _several(value: Any, name: str) -> list[Any]:  # noqa: ANN401
+def several(value: Any, name: str) -> list[Any]:  # noqa: ANN401
     """Return the items of a list, for which a single one may stand."""
     items = [*value] if isinstance(value, (list, tuple)) else [value]
     if not items:
@@ -254,18 +243,20 @@ def as_result(value: ResultLike, name: str = "result") -> Identification:
     """Return a result given by itself, by its folder, or by its file."""
     if isinstance(value, (str, Path)):
         return load_run(Path(value))
-    return instance(value, Identification, name, _RESULT)
+    wanted = "a result: its folder, its parameters.npz, or what dynid.identify returns"
+    return instance(value, Identification, name, wanted)
 
 
 def as_results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]:
     """Return one or several results, each given by itself, by its folder, or by its file."""
-    return [as_result(each, "results") for each in _several(value, "results")]
+    return [as_result(each, "results") for each in several(value, "results")]
 
 
 def as_motion(value: MotionLike, arm: Robot) -> Motion:
     """Return a motion given by itself, in a plan, or by the path of its file."""
     held = read_trajectory(Path(value), arm) if isinstance(value, (str, Path)) else value
-    motion = instance(getattr(held, "motion", held), Motion, "motion", _MOTION)
+    wanted = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz"
+    motion = instance(getattr(held, "motion", held), Motion, "motion", wanted)
     if motion.q.shape[1] != arm.n:
         raise WrongUsage(f"motion has {motion.q.shape[1]} joints, and {arm.name} has {arm.n}")
     return motion

@@ -127,7 +127,8 @@ def command(
         error = f"largest error {outcome.largest_deviation:.3f} rad"
         torque = f"torque {100 * outcome.largest_torque_share:.0f} % of the rating"
         session.stage("moved", f"{outcome.commands} commands, {late}; {error}, {torque}")
-    steps, bag = [Step("", f"dynid identify {robot.word} {shell(done.bag)}")], done.files[0]
+    bag = done.files[0]
+    steps = [Step("", f"dynid identify {robot.word} {shell(bag)}")]
     made = []
     if ask(session, "P4", given=convert) is Reply.YES:
         header = session.header(input_hashes({"log": bag}))

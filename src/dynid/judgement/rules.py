@@ -68,15 +68,10 @@ def of_result(e: Evidence) -> str:
         weak = [text for name, text in FAIR.items() if states[name] == "fair"]
         but = ", but " * bool(weak) + " and ".join(weak)
         return f"The model predicts held-out motions to within their noise{but}."
-    return _of_unseen(worst, e)
-
-
-def _of_unseen(worst: Unseen, e: Evidence) -> str:
-    """Return what a model is worth whose held-out error is more than noise."""
     error = f"Relative torque error {shown(worst.percent)} % on {worst.name}, more than noise."
     if e.worst_elsewhere:
         return f"The model is usable. {error}"
-    why = f": {FAIR['knowledge']}" if e.states["knowledge"] == "fair" else ""
+    why = f": {FAIR['knowledge']}" if states["knowledge"] == "fair" else ""
     return f"{error} Validate it on another motion before you use it{why}."
 
 
@@ -220,8 +215,6 @@ def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]
     expected = f" (expected {unseen.expected:.2g} %)" if unseen.expected else ""
     if percent not in sentence or unseen.name not in sentence:
         yield f"Relative torque error {percent} on {unseen.name}{expected}."
-    elif expected and expected not in sentence:
-        yield f"The expected relative torque error was {unseen.expected:.2g} %."
     if far := farthest(unseen, e):
         joint, error, times = far
         so_many = "" if times <= tuning.AT_NOISE else f", {shown(times)} times that"
@@ -257,19 +250,10 @@ def warnings(e: Evidence) -> Iterator[str]:
     rows = e.unseen[:-1] if e.asked == "replay" else e.unseen
     most = max(rows, key=lambda unseen: unseen.surprise or 0.0, default=None)
     times = (most.surprise or 0.0) if most else 0.0
-    # A search may say why: the arm is another one there.
-    known = (
-        e.gap_evidence.named
-        and e.gap_evidence.question == "changed"
-        and most
-        and most.log in e.gap_evidence.logs
-    )
-    if most and times > tuning.EXPECTED[0] and not at_noise(most, e) and not known:
+    if most and times > tuning.EXPECTED[0] and not at_noise(most, e):
         yield f"Do not rely on the expected error: on {most.name} it was {shown(times)} times too small."
     if e.gap is not None and not e.gap.repeats:
         yield "The noise is a lower bound, because no motion is repeated: record each motion twice."
-    if e.states["physics"] == "bad" and e.physical:
-        yield "Torques may be right where masses are not: use this model for the training motions only."
 
 
 # ---------------------------------------------------------------- what to do next
@@ -310,11 +294,6 @@ def steps(e: Evidence) -> Iterator[Step]:
     if states["complete"] == "open":
         why = "Search for missing effects; two recordings of one motion measure the noise."
         yield Step(why, e.search, ("complete",))
-    if states["fit"] == "open":
-        yield Step("Identify the arm.", shell("dynid", "identify", e.robot, "LOG"), ("fit",))
-    if states["physics"] == "open":
-        command = f"{shell('dynid', 'identify', e.robot, *e.fitted_logs)} --feasible"
-        yield Step("Estimate physically consistent parameters.", command, ("physics",))
     if "bad" not in states.values() and states["unseen motion"] == "good":
         command = f"{shell('dynid', 'export', e.run)} --format urdf"
         yield Step("Use the model in a simulator or a controller.", command)

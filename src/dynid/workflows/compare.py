@@ -17,7 +17,7 @@ from dynid.estimation.result import Identification
 from dynid.files import typed
 from dynid.judgement.evidence import Change, Evidence
 from dynid.judgement.rules import Judgement
-from dynid.loading import ResultLike, as_result, as_results
+from dynid.loading import ResultLike, as_result, as_results, several
 from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
 from dynid.table import Table
 from dynid.workflows.options import CompareOptions
@@ -111,20 +111,25 @@ class ComparedRun(Judged):
 
     def described(self) -> dict[str, Any]:
         """Return the run itself as the JSON answer has it."""
-        result, keys = self.result, {"rms_nm": "rms", "relative_error_percent": "relative_percent"}
-        same = ("relative_error_percent", "heldout_relative_error_percent")
-        numbers = zip(result.names, result.theta, result.std_error, strict=True)
+        facts = self.result.facts()
+        same = (
+            "robot",
+            "method",
+            "rank",
+            "condition_number_scaled",
+            "relative_error_percent",
+            "heldout_relative_error_percent",
+            "joints",
+        )
         return {
             "run": self.name,
-            "path": str(result.path),
-            "robot": result.robot.name,
-            **picked(result, "method", "rank", "condition_number_scaled", *same),
-            "joints": [picked(joint, "joint", **keys) for joint in result.joints],
+            "path": str(self.result.path),
+            **{key: facts[key] for key in same},
             "parameters": {
-                name: {"value": float(value), "std_error": float(error)}
-                for name, value, error in numbers
+                row["name"]: {"value": row["value"], "std_error": row["std_error"]}
+                for row in facts["parameters"]
             },
-            "log_sha256": list(result.log_sha256),
+            "log_sha256": list(self.result.log_sha256),
         }
 
 
@@ -244,8 +249,8 @@ def compare(
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
     share = CompareOptions(tolerance).tolerance  # type: ignore[arg-type]  # it reads text
-    words = [*results] if isinstance(results, (list, tuple)) else [results]
-    given = list(zip(map(_name, words, count(1)), as_results(results), strict=True))
+    words = several(results, "results")
+    given = list(zip(map(_name, words, count(1)), as_results(words), strict=True))
     reference, first = given[0]
     if baseline is not None:
         reference, first = _name(baseline, "baseline"), as_result(baseline, "baseline")

@@ -61,9 +61,7 @@ class Recording:
         options: how it was recorded.
         forecast: what the motion was judged to do; None when another program moved the arm.
         outcome: how it ended; None for a dry run.
-        bag: log.bag.
-        texts: folder of the paper's text files.
-        manifest: manifest.yaml.
+        files: log.bag, the folder of the paper's text files, and manifest.yaml; () for a dry run.
         failure: what ended it early, or kept it from being written; None when all went well.
     """
 
@@ -71,15 +69,8 @@ class Recording:
     options: RecordOptions
     forecast: Forecast | None = None
     outcome: Outcome | None = None
-    bag: Path | None = None
-    texts: Path | None = None
-    manifest: Path | None = None
+    files: tuple[Path, ...] = ()
     failure: BaseException | None = None
-
-    @property
-    def files(self) -> list[Path]:
-        """What was written."""
-        return [path for path in (self.bag, self.texts, self.manifest) if path is not None]
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid record`` says."""
@@ -388,7 +379,7 @@ def _written(
     failure = outcome.failure
     if failure is None and recorder.failure is not None:
         failure = session.disk_error(recorder)
-    return Recording(run.robot, run.options, forecast, outcome, bag, texts, path, failure)
+    return Recording(run.robot, run.options, forecast, outcome, (bag, texts, path), failure)
 
 
 def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> dict[str, Any]:
@@ -422,9 +413,7 @@ def convert(recording: Recording, header: dict[str, Any] | None = None) -> Path:
         recording: what was recorded.
         header: facts for its header.
     """
-    assert recording.bag is not None
-    target = recording.bag.with_name("log.npz")
-    read_log(recording.bag, robot=recording.robot, topic=recording.options.topic).save(
-        target, header
-    )
+    bag, topic = recording.files[0], recording.options.topic
+    target = bag.with_name("log.npz")
+    read_log(bag, robot=recording.robot, topic=topic).save(target, header)
     return target

@@ -22,8 +22,8 @@ from dynid.motion import Motion
 from dynid.progress import Progress, stage
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.sim.arm import SimulatedArm
-from dynid.text import closest, whole_number
-from dynid.workflows.options import SimulateOptions
+from dynid.text import closest
+from dynid.workflows.options import SimulateOptions, joint_indices
 
 #: What computes the rigid bodies.
 PHYSICS = "MuJoCo's inverse dynamics"
@@ -135,9 +135,8 @@ def _effect_torque(
     path = ArmMotion(*states, rigid, reference, lambda values: values)
     torque = np.zeros_like(motion.q)
     for spec in specs:
-        numbers = ((joint, whole_number(joint)) for joint in spec.joints)
-        joints = tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers)
-        named = replace(spec, joints=joints)
+        some = joint_indices(robot.joint_names, ",".join(spec.joints), "--effect")
+        named = replace(spec, joints=tuple(robot.joint_names[k] for k in some))
         effect = checked(named, robot)
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")

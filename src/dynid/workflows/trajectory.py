@@ -363,25 +363,15 @@ def _information(
     prior = prior_information(base)
     for result in results:
         base.robot.require_joints(result.robot.joint_names, result.label)
-        information = _of_result(base, result)
+        if tuple(result.names) != base.reduction.base_names:
+            what = f"{result.path} has other base parameters than the motion is planned with"
+            fix = "identify again with this robot file, without `effects:`, or leave out --earlier"
+            raise WrongUsage(what, fix=fix)
+        information = known_of(result)[0]
         prior = prior * (result.in_force != "physical")
         total = information if total is None else total + information
         stage("earlier", f"{result.path}: the new motion is planned to complete it")
     return total, prior if total is None else total + prior
-
-
-def _of_result(base: BaseModel, result: Identification) -> Floats:
-    names = {name: k for k, name in enumerate(result.names)}
-    if not set(base.reduction.base_names) <= set(names):
-        what = f"{result.path} has different base parameters from the robot file"
-        raise WrongUsage(what, fix="identify again with this robot file")
-    # Why some: a motion is planned without the effects of the robot file, whatever they are.
-    some = [names[name] for name in base.reduction.base_names]
-    others = [k for k in names.values() if k not in some]
-    information = known_of(result)[0]
-    known, shared = information[np.ix_(some, some)], information[np.ix_(some, others)]
-    rest = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
-    return np.asarray(known - shared @ rest @ shared.T)
 
 
 # ---------------------------------------------------------------- what is asked

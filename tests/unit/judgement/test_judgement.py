@@ -118,11 +118,15 @@ def some_gap(rng):
 
 def some_evidence(seed):
     rng = random.Random(seed)
-    joints = tuple(some(JointEvidence, rng, joint=name) for name in NAMES)
+    joints = tuple(
+        some(JointEvidence, rng, joint=name, torque=positive(rng), fitted=positive(rng))
+        for name in NAMES
+    )
     return some(
         Evidence,
         rng,
-        joints=rng.choice((joints, joints, ())),
+        joints=joints,
+        physical=rng.random() < 0.5,
         unseen=tuple(some(Unseen, rng) for _ in range(rng.choice((0, 1, 1, 2)))),
         gap=rng.choice((None, *[some_gap(rng)] * 4)),
     )
@@ -143,8 +147,7 @@ def worse(evidence, seed):
     if evidence.joints:
         joints = list(evidence.joints)
         k = rng.randrange(len(NAMES))
-        if joints[k].fitted is not None:
-            joints[k] = replace(joints[k], fitted=3 * joints[k].fitted)
+        joints[k] = replace(joints[k], fitted=3 * joints[k].fitted)
         choices.append({"joints": tuple(joints)})
     if evidence.unseen:
         first, *rest = evidence.unseen
