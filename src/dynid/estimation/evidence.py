@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.estimation import prediction
 from dynid.estimation.identified import SAME_MOTION, Identified
 from dynid.estimation.least_squares import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED, relative_error
 from dynid.files import typed
@@ -121,23 +120,13 @@ def _held_out(result: Identified) -> tuple[Unseen, ...]:
 # ---------------------------------------------------------------- beside the file
 def _replay(path: Path, result: Identified) -> Unseen | None:
     """Return a replay; None where it was made with other parameters."""
-    if read_header(path).get("of") != fingerprint(result):
+    header = read_header(path)
+    if header.get("of") != fingerprint(result):
         return None
-    motion, header = prediction.load(path)
-    result.robot.require_joints(header["joints"], path)
-    joints, percent = prediction.check(motion, motion.tau_measured, result.robot.joint_names)
-    log = found_path(result, str(header.get("log", path.parent.name)))
-    return Unseen(
-        name=Path(log).name,
-        percent=percent,
-        rms=tuple(
-            one.rms / size for one, size in zip(joints, result.robot.shown_gains, strict=True)
-        ),
-        same_motion=bool(header.get("same_motion", False)),
-        expected=header.get("expected_percent"),
-        replayed=True,
-        log=log,
-    )
+    with reading(path):
+        seen = Unseen(**header["unseen"])
+        log = found_path(result, seen.log)
+        return replace(seen, name=Path(log).name, rms=tuple(seen.rms), log=log)
 
 
 def _gap(path: Path, result: Identified) -> GapEvidence | None:

@@ -13,6 +13,7 @@ from dynid.estimation import prediction
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import load_factors
+from dynid.files.artifact import reading
 from dynid.gap.record import GapRecord, read_record
 from dynid.judgement.rules import Judgement
 from dynid.robot import Robot
@@ -112,13 +113,10 @@ def _singular_values(path: Path, result: Identification) -> Floats | None:
 def _validated(path: Path, robot: Robot) -> ValidatedLog:
     motion, header = _motion(path, robot)
     checks, percent = prediction.check(motion, motion.tau_measured, robot.joint_names)
-    return ValidatedLog(
-        Path(header.get("log", path.parent.name)).name,
-        motion,
-        percent,
-        np.array([joint.relative_percent for joint in checks]),
-        same_motion=header.get("same_motion", False),
-    )
+    shares = np.array([joint.relative_percent for joint in checks])
+    with reading(path):
+        seen = header["unseen"]
+        return ValidatedLog(seen["name"], motion, percent, shares, seen["same_motion"])
 
 
 def _spectrum(factors: Floats) -> Floats:

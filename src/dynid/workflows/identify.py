@@ -293,12 +293,6 @@ def _poor(result: Identification, base: BaseModel) -> bool:
 
 
 # ---------------------------------------------------------------- what is drawn, written and answered
-def _fitted(result: Identification) -> list[prediction.EstimatedMotion]:
-    """Return motions and torques of the logs that a new result was made from."""
-    assert result.stack is not None, "a result that was read from a file has no rows"
-    return prediction.predict_logs(result.stack, result.theta, result.model_error)
-
-
 def save_result(
     folder: Path, result: Identification, facts: dict[str, Any] | None = None
 ) -> list[Path]:
@@ -315,7 +309,9 @@ def save_result(
         facts["logs_from_here"] = [os.path.relpath(path, folder) for path in logs]
     there, joints = RunFolder(folder), list(result.robot.joint_names)
     header = {**facts, **result.header, "joints": joints, "torque_from": "identified"}
-    prediction.save(there.motion, _fitted(result), header)
+    assert result.stack is not None, "a result that was read from a file has no rows"
+    motions = prediction.predict_logs(result.stack, result.theta, result.model_error)
+    prediction.save(there.motion, motions, header)
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
     return [
         there.motion,
@@ -338,7 +334,7 @@ def identify_run(
     extras: Extras = Extras(),
     *,
     models: Path,
-    may_write: Callable[[Path, Mapping[str, str]], bool] = lambda path, inputs: True,
+    may_write: Callable[[Path, Mapping[str, str]], bool],
     header: Callable[[Mapping[str, str]], dict[str, Any]],
 ) -> Answer:
     """Identify in a folder, or with equal inputs take the result that is there.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,20 +90,23 @@ class Validation(Judged):
         return f"{self.robot.name}, {Path(self.log).name}"
 
     @property
+    def unseen(self) -> Unseen:
+        """What it says of the model."""
+        errors = zip(self.joints, self.robot.shown_gains, strict=True)
+        return Unseen(
+            name=Path(self.log).name,
+            percent=self.relative_error_percent,
+            rms=tuple(joint.rms / gain for joint, gain in errors),
+            same_motion=self.same_motion,
+            expected=self.expected_percent,
+            replayed=True,
+            log=self.log,
+        )
+
+    @property
     def evidence(self) -> Evidence:
         """What is known of the model with this log."""
-        seen = Unseen(
-            Path(self.log).name,
-            self.relative_error_percent,
-            tuple(
-                one.rms / gain
-                for one, gain in zip(self.joints, self.robot.shown_gains, strict=True)
-            ),
-            self.same_motion,
-            self.expected_percent,
-            True,
-            here(self.log),
-        )
+        seen = replace(self.unseen, log=here(self.log))
         earlier = tuple(each for each in self.known.unseen if each.log != seen.log)
         return replace(self.known, asked="replay", unseen=(*earlier, seen))
 
@@ -174,7 +177,8 @@ class Validation(Judged):
             "joints": list(self.robot.joint_names),
             "log_sha256": [self.log_sha256],
             "torque_from": "identified",
-            **picked(self, "log", "same_motion", "expected_percent", "of"),
+            "unseen": asdict(self.unseen),
+            "of": self.of,
         }
         prediction.save(path, [self.motion], header)
         return path

@@ -144,11 +144,10 @@ def worse(evidence, seed):
     for name, factor in factors.items():
         value = getattr(evidence, name)
         choices += [{name: factor * value}] if value is not None else []
-    if evidence.joints:
-        joints = list(evidence.joints)
-        k = rng.randrange(len(NAMES))
-        joints[k] = replace(joints[k], fitted=3 * joints[k].fitted)
-        choices.append({"joints": tuple(joints)})
+    joints = list(evidence.joints)
+    k = rng.randrange(len(NAMES))
+    joints[k] = replace(joints[k], fitted=3 * joints[k].fitted)
+    choices.append({"joints": tuple(joints)})
     if evidence.unseen:
         first, *rest = evidence.unseen
         factor = positive(rng, 1.0, 30.0)
