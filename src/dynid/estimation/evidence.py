@@ -10,8 +10,6 @@ from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
-import numpy as np
-
 from dynid.estimation.identified import SAME_MOTION, Identified
 from dynid.estimation.least_squares import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED, relative_error
 from dynid.files import typed
