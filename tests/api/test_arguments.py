@@ -196,11 +196,6 @@ def test_arrays_give_the_parameters_of_the_file(arm, result):
     assert np.array_equal(again.theta, result.theta)
 
 
-def test_mistakes_are_exceptions_of_the_catalogue():
-    with pytest.raises(dynid.errors.WrongUsage, match="cutoff"):
-        dynid.IdentifyOptions(cutoff=-1.0)
-
-
 def test_a_validation_shows_a_table_and_a_residual(arm, checked):
     assert checked.relative_error_percent < 0.5
     assert [row["joint"] for row in checked.table()] == list(arm.joint_names)

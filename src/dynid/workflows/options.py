@@ -232,8 +232,7 @@ class IdentifyOptions(LogOptions):
     @property
     def given(self) -> bool:
         """Whether any option says what is known of the bodies."""
-        known = (self.prior, self.total_mass, self.link_mass or None, self.com_box or None)
-        return known != (None,) * 4
+        return any((self.prior, self.total_mass, self.link_mass, self.com_box))
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ from dynid.signals.columns import in_amperes as holds_currents
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
 from dynid.text import printable, yaml_text
+from dynid.units import ampere_unit
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras
 
@@ -349,13 +350,15 @@ def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
         gain = scale.get(str(value.get("joint")), gain)
         facts = {}
         for key, inner in value.items():
-            torque = key.endswith("_nm")
-            if key == "unit" and isinstance(inner, str) and "std_error" in value:
-                inner = inner.replace("N m", "A") if "N m" in inner else f"{inner} A/(N m)"
-            in_amperes = torque and isinstance(inner, float)
-            facts[key[:-3] + "_a" if torque else key] = (
-                inner / gain if in_amperes else renamed(inner, gain)
-            )
+            if key == "unit" and "std_error" in value:
+                inner = ampere_unit(inner)
+            if key.endswith("_nm"):
+                key = f"{key[:-3]}_a"
+                if isinstance(inner, list):  # one per joint
+                    inner = [x / size for x, size in zip(inner, robot.shown_gains, strict=True)]
+                elif isinstance(inner, float):
+                    inner /= gain
+            facts[key] = renamed(inner, gain)
         return facts
 
     return renamed(facts, 1.0)

@@ -113,7 +113,9 @@ def run_job(job: Job, out: Path, words: list[str], home: Path) -> dict[str, Any]
     worst, message, log = 0, "", ""
     answers: dict[str, list[dict[str, Any]]] = {}
     for name, *own in commands_of(job, folder):
-        done = _dynid([name, "--json", "--no-input", *words, *own], home)
+        typed = (name, "--json", "--no-input", *words, *own)
+        line = children.python("from dynid.__main__ import main; main()", *typed)
+        done = subprocess.run(line, cwd=home, capture_output=True, text=True)
         status = done.returncode if done.returncode in set(ExitStatus) else ExitStatus.INTERNAL
         log += f"$ {shell('dynid', name, *own)}\n{done.stderr}"
         if status:
@@ -124,16 +126,6 @@ def run_job(job: Job, out: Path, words: list[str], home: Path) -> dict[str, Any]
             break
     write_text(home / folder / "run.log", log)
     return facts_of(job, out, worst, message, time.perf_counter() - start, answers)
-
-
-def _dynid(words: list[str], home: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command of dynid in a working folder."""
-    line = children.python("from dynid.__main__ import main; main()", *words)
-    done = subprocess.run(line, cwd=home, capture_output=True, text=True)
-    if "error[E702]" in done.stderr and "--force" not in words:
-        # The folder is the job's own: what was made from other inputs is overwritten.
-        return _dynid([words[0], "--force", *words[1:]], home)
-    return done
 
 
 def _complaint(said: str) -> str:

@@ -12,6 +12,7 @@ from dynid.errors import NotPhysical, WrongUsage
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.exporters import FORMATS
+from dynid.workflows.parameters import in_amperes
 
 
 @pytest.mark.parametrize(
@@ -45,12 +46,15 @@ def test_a_suffix_of_no_format_is_refused_with_those_there_are(result, tmp_path)
 
 
 def test_without_gains_nothing_is_in_kilograms(result, tmp_path):
-    torque = replace(result.robot.torque, source="motor_current", gain=(1.0, 1.0), relative=True)
+    torque = replace(result.robot.torque, source="motor_current", gain=(1.0, 2.0), relative=True)
     currents = replace(result, robot=replace(result.robot, torque=torque))
     with pytest.raises(NotPhysical, match="sizes of masses and inertias are unknown"):
         export(currents, tmp_path / "arm.urdf")
-    units = {row["unit"] for row in currents.parameter_rows()}
+    facts = in_amperes(currents.facts(), currents.robot)
+    units = {row["unit"] for row in facts["parameters"]}
     assert units <= {"A s^2/m^2", "A s^2/m", "A s^2/rad^2", "A", "A s/rad"}
+    noise = result.expected.noise / (1.0, 2.0)
+    np.testing.assert_allclose(facts["expected_torque_error"]["noise_a"], noise)
 
 
 def test_a_file_that_disagrees_is_said(result, tmp_path, monkeypatch):
