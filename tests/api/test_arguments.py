@@ -181,9 +181,9 @@ def test_every_public_name_is_there_and_documented():
     assert set(dynid.__all__) <= set(dir(dynid))
 
 
-def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="identifi"):
-        dynid.identifi  # noqa: B018
+def test_mistakes_are_exceptions_of_the_catalogue():
+    with pytest.raises(dynid.errors.WrongUsage, match="cutoff"):
+        dynid.IdentifyOptions(cutoff=-1.0)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.answer import Answer, picked
+from dynid.answer import Answer
 from dynid.arrays import Floats
 from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
