@@ -368,7 +368,7 @@ torque: {{source: motor_torque}}     from the motors' currents, in N m, as on UR
 torque: {{source: motor_current}}    in A, or in a unit that nobody knows (then with relative: true)"""
 
 
-def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> tuple[str, Answer]:
+def import_urdf(path: Path, options: ImportOptions) -> tuple[str, Answer]:
     """Return the text of the robot file that a chain of a URDF describes, and what is worth knowing about it.
 
     Args:

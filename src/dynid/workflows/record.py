@@ -406,7 +406,7 @@ def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> d
     return facts
 
 
-def convert(recording: Recording, header: dict[str, Any] | None = None) -> Path:
+def convert(recording: Recording, header: dict[str, Any]) -> Path:
     """Write log.npz beside log.bag and return its path.
 
     Args:

@@ -28,7 +28,7 @@ def simulate_driver(
     robot: Robot,
     options: SimDriverOptions,
     *,
-    started: Callable[[str, str], None] = lambda topic, master: None,
+    started: Callable[[str, str], None],
 ) -> Answer:
     """Simulate an arm behind its driver's topics until the time is over or Ctrl-C is pressed.
 

@@ -542,8 +542,8 @@ def review_trajectory(
     options: PlanOptions = PlanOptions(),
     *,
     urdf: Path | None = None,
-    base: BaseModel | None = None,
-    drawing: Drawing | None = None,
+    base: BaseModel,
+    drawing: Drawing,
 ) -> Reviewed:
     """Judge a motion that was planned before by the robot file as it is today.
 
@@ -552,7 +552,7 @@ def review_trajectory(
         path: trajectory.npz.
         options: margin, tool speed and surroundings; what concerns planning does not count.
         urdf: the arm's own shapes; cylinders along the DH table when None.
-        base: the arm's base model, where it is there already.
+        base: the arm's base model.
         drawing: pictures that PyBullet must draw.
 
     Raises:
@@ -565,10 +565,9 @@ def review_trajectory(
         if count != basis.size:
             raise ValueError(f"it has {count} coefficients of each joint, expected {basis.size}")
     trajectory = Trajectory(basis, stored.coefficients, stored.alpha)
-    context = planning_context(_without_effects(base or base_model(robot)), options)
+    context = planning_context(_without_effects(base), options)
     require_within_limits(context.check(trajectory), options.margin)
-    look = drawing or Drawing()
-    clearance = require_clear_motion(context, trajectory, urdf, look, draw_motion)
+    clearance = require_clear_motion(context, trajectory, urdf, drawing, draw_motion)
     return Reviewed(context, trajectory, clearance, urdf, stored)
 
 
