@@ -14,7 +14,6 @@ from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.loading import condition_logs
-from dynid.model.base_model import prior_base_parameters
 from dynid.sim.arm import SimulatedRun, track
 from dynid.sim.plant import Sensors, read_plant
 from dynid.trajectory.basis import Quintic, basis_from
@@ -53,7 +52,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
         )
         stacked = stack_logs(sources, base)
         draws.append(weighted(stacked.factors, stacked.counts).theta)
-    misses = np.array(draws) - prior_base_parameters(model, reduction, unknown=0.0)
+    misses = np.array(draws) - base.prior(unknown=0.0)
 
     ratio = np.sqrt(np.mean(misses**2, axis=0)) / predicted.std_error
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.3)

@@ -40,7 +40,7 @@ from dynid.estimation.residual_model import ModelError, squares
 from dynid.estimation.result import Identification
 from dynid.estimation.rows import Rows
 from dynid.estimation.stack import Stack
-from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.base_model import BaseModel
 from dynid.model.regressor import indefinite_share, random_poses
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.motion import motion_numbers, sampled
@@ -151,7 +151,7 @@ def estimate(
         NothingChanged: the physical set in force is the prior although the torques say otherwise.
     """
     base = stack.base
-    prior = prior_base_parameters(base.model, base.reduction)
+    prior = base.prior()
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = fitted(stack, name)
     if name == "iv":

@@ -31,7 +31,7 @@ from dynid.estimation.least_squares import (
 )
 from dynid.estimation.rows import Rows, robust_noise
 from dynid.estimation.stack import Stack
-from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.base_model import BaseModel
 
 #: A prior base parameter is trusted to this share of itself by ``ridge``, of one that is at least this share of the
 #: largest: published inertias of one arm differ by as much. evidence: none, round numbers.
@@ -132,7 +132,7 @@ def _by_instruments(rows: Rows, weight: Floats) -> Floats:
 # ---------------------------------------------------------------- the estimators
 def near_prior(fit: Fit, base: BaseModel) -> Fit:
     """Return a weighted fit pulled towards the prior: the weighted pseudo-inverse with prior data."""
-    prior = prior_base_parameters(base.model, base.reduction)
+    prior = base.prior()
     known = np.nan_to_num(prior)
     size = np.abs(known)
     spread = RIDGE_SPREAD * np.maximum(size, RIDGE_LEAST * size.max())

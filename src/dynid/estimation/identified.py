@@ -18,7 +18,7 @@ from dynid.estimation.one_state import OneState, one_state
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import JointError
 from dynid.estimation.residual_model import GROUP_NAMES, ModelError
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import body_columns, body_of
 from dynid.model.program import Program
@@ -296,22 +296,16 @@ class Identified:
         Raises:
             WrongUsage: as for ``inverse_dynamics``.
         """
-        model = self.base.model
         observer = self.base.observer
-        full = observer.dense(q, qd, qdd)
-        if model.added:
+        if self.base.model.added:
             if t is None:
                 raise WrongUsage(
                     "this model has effects that depend on the order of the samples",
                     fix="give their time: t=[...]",
                 )
-            reference = model_torques(model, self.reduction, self.theta)
-            motion = ArmMotion(t, q, qd, qdd, self.robot, reference, lambda x: x)
-            wanted, count = observer.added_entries, len(observer.rows) - len(observer.added_entries)
-            full[:, observer.rows[count:], observer.cols[count:]] = model.added_entries(motion)[
-                wanted
-            ].T
-        return full
+            reference = self.base.torques(self.theta)
+            return observer.along(ArmMotion(t, q, qd, qdd, self.robot, reference, lambda x: x))
+        return observer.dense(q, qd, qdd)
 
     def expectation(self) -> list[str]:
         """Return the torque error to expect and what the model error holds, line by line."""

@@ -38,7 +38,7 @@ from dynid.estimation.possible_set import (
     pseudo_inertia,
     smallest_eigenvalues,
 )
-from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.base_model import BaseModel
 from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders
 from dynid.model.regressor import prior_vector
 from dynid.robot import Robot
@@ -537,7 +537,7 @@ def prior_covariance(base: BaseModel) -> Floats:
     constraints, K = constraints_of(base), base.reduction.K
     require_possible_prior(constraints)
     states, bodies = exciting_states(base), constraints.bodies
-    theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
+    theta = base.prior(unknown=0.0)
     torque = np.sqrt(np.mean((base.observer.dense(*states) @ theta) ** 2, axis=0))
     torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))
     covariance = np.zeros((K.shape[1], K.shape[1]))

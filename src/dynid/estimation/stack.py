@@ -31,7 +31,7 @@ from dynid.estimation.rows import (
     rows_of,
 )
 from dynid.files.artifact import packed, read_artifact, reading, unpacked
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
 from dynid.progress import advance, heard_by, notice, stage
@@ -212,7 +212,7 @@ def scale_with_model(base: BaseModel) -> bool:
 
 def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> list[ConditionedLog]:
     """Return logs whose model-based columns scale with given base parameters, (p,), each in its unit."""
-    reference = model_torques(base.model, base.reduction, theta)
+    reference = base.torques(theta)
     return [with_effects(log, base.model, reference) for log in logs]
 
 

@@ -30,7 +30,7 @@ from dynid.exporters.formulas import (
     written,
 )
 from dynid.exporters.full_model import numbers
-from dynid.exporters.interface import Format, IdentifiedArm, Loaded, with_effects
+from dynid.exporters.interface import Format, IdentifiedArm, Loaded, motion_of
 from dynid.model.parameters import Parameter
 from dynid.model.printing import number, statements
 from dynid.robot import LINK_PARAMETERS, Robot
@@ -165,12 +165,12 @@ def _residual(arm: IdentifiedArm, error: ModelError) -> dict[str, Any]:
 
 # ---------------------------------------------------------------- loading it again
 def _loaded(arm: IdentifiedArm, engine: str, theirs: Any) -> Loaded:  # noqa: ANN401
-    model, base, error = arm.base.model, arm.base.reduction.base, arm.predicted_error
-    gone = {name for each in model.added if why_not_code(each) for name in each.names}
+    error = arm.predicted_error
+    gone = {name for each in arm.base.model.added if why_not_code(each) for name in each.names}
     held = np.array([name not in gone for name in arm.base.reduction.base_names])
 
     def ours(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        W = with_effects(arm, model, base, (q, qd, qdd)) * held
+        W = arm.base.observer.along(motion_of(arm, q, qd, qdd)) * held
         tau: Floats = W @ arm.theta
         if error is None:
             return tau

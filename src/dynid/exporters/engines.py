@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.exporters.interface import IdentifiedArm, Loaded, Torques, with_effects
+from dynid.exporters.interface import IdentifiedArm, Loaded, Torques, motion_of
 from dynid.model.regressor import Model
 from dynid.robot import JointMap
 
@@ -21,8 +21,8 @@ def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:
     """Return dynid's torques of parameters by name, those of bodies that were not identified too; others are zero."""
     model = Model(replace(arm.robot, links=()), arm.base.model.rigid)
     gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
-    every = np.arange(model.size)
-    return lambda q, qd, qdd: with_effects(arm, model, every, (q, qd, qdd)) @ gamma
+    observer = model.observer()
+    return lambda *states: observer.along(motion_of(arm, *states)) @ gamma
 
 
 @contextmanager

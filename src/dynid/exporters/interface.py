@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Floats, Ints
+from dynid.arrays import Floats
 from dynid.estimation.residual_model import ModelError
 from dynid.exporters.full_model import FullModel
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.reduce import random_states
-from dynid.model.regressor import Model
 from dynid.robot import Robot
 from dynid.text import file_name
 
@@ -115,21 +114,10 @@ class IdentifiedArm:
         )
 
 
-def with_effects(
-    arm: IdentifiedArm,
-    model: Model,
-    columns: Ints,
-    states: tuple[Floats, Floats, Floats],
-) -> Floats:
-    """Return columns of a model, those of added effects too, along states STEP_S apart, (N, n, c)."""
-    observer, t = model.observer(columns), STEP_S * np.arange(len(states[0]), dtype=np.float64)
-    reference = model_torques(arm.base.model, arm.base.reduction, arm.theta)
-    motion = ArmMotion(t, *states, arm.robot, reference, lambda x: x)
-    W, count = observer.dense(*states), len(observer.added_entries)
-    if count:
-        entries = model.added_entries(motion)[observer.added_entries]
-        W[:, observer.rows[-count:], observer.cols[-count:]] = entries.T
-    return W
+def motion_of(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> ArmMotion:
+    """Return a motion through states, (N, n) each, that are STEP_S apart."""
+    t = STEP_S * np.arange(len(q), dtype=np.float64)
+    return ArmMotion(t, q, qd, qdd, arm.robot, arm.base.torques(arm.theta), lambda x: x)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dynid.disk import write_text
 from dynid.estimation.stack import Stack, stack_logs, with_settled_effects
 from dynid.files.robotfile import text_of
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.reduce import with_added
 from dynid.model.regressor import Model
@@ -68,7 +68,7 @@ def stacked_with(
     late = [
         replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
     ]
-    first = model_torques(base.model, base.reduction, theta)
+    first = base.torques(theta)
     made = with_settled_effects([with_effects(s, added.model, first) for s in late], added)
     return added, stack_logs([*(_before(s, base, added) for s in earlier), *made], added)
 

@@ -16,7 +16,7 @@ from dynid.gap.apply import specs_of, with_specs
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.robot import Body
@@ -62,7 +62,7 @@ def simulate_held_out(
     log, held = rows.logs[k], rows.held & (rows.part == k)
     segment = log.segments[0]
     part = slice(*np.searchsorted(segment.elapsed, rows.t[held][[0, -1]]).tolist())
-    reference = model_torques(base.model, base.reduction, theta)
+    reference = base.torques(theta)
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
     motion = arm_motion(segment, log.filter, base.model, reference)
     tau = segment.tau[part] - torque_of_effects(base, theta, motion)[part]
@@ -140,13 +140,9 @@ def torque_of_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floa
         theta: values of the base parameters, (p,).
         motion: the motion.
     """
-    observer, torque = base.model.observer(base.reduction.base), np.zeros((len(motion), motion.n))
-    first = len(observer.rows) - len(observer.added_entries)
-    entries = base.model.added_entries(motion)[observer.added_entries]
-    for joint, column, entry in zip(
-        observer.rows[first:], observer.cols[first:], entries, strict=True
-    ):
-        torque[:, joint] += theta[column] * entry
+    columns = base.reduction.base
+    added = columns >= base.model.size_without_effects
+    torque: Floats = base.model.observer(columns[added]).along(motion) @ theta[added]
     return torque
 
 

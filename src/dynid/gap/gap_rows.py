@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation, binary_opening
 
 from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation.rows import parallel_filtered, rows_of
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import ArmMotion, Joints, ReferenceTorques, Shape
@@ -103,7 +103,7 @@ class GapRows:
 
     def with_reference(self, base: BaseModel, theta: Floats) -> GapRows:
         """Return the rows with effects that scale with other base parameters, (p,)."""
-        reference = model_torques(base.model, base.reduction, theta)
+        reference = base.torques(theta)
         return replace(self, motions=tuple(replace(x, reference=reference) for x in self.motions))
 
     def filtered(self, signals: Sequence[Floats]) -> Floats:

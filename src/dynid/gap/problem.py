@@ -21,7 +21,7 @@ from dynid.gap.noise import (
     with_steps,
 )
 from dynid.gap.regression import Regression, whitened_regression
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
 
 #: Share of each log that is held out where there are fewer than three motions, as ``dynid identify`` does.
@@ -141,7 +141,7 @@ def make_problem(
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
     start = _first_guess(logs, base) if kept is None else kept.theta
-    reference = model_torques(base.model, base.reduction, start)
+    reference = base.torques(start)
     rows = gap_rows(logs, base, reference, () if kept is None else earlier)
     repeats = find_repeats([rows.q[part] for part in rows.parts], rows.rate)
     rows, text = split(rows, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)

@@ -66,6 +66,28 @@ class BaseModel(Answered):
         """Names of the base parameters, (p); a combination ends in ``R``, such as ``Ixx2R``."""
         return self.reduction.base_names
 
+    def prior(self, *, unknown: float = np.nan) -> Floats:
+        """Return the prior of the base parameters, K gamma, (p,), in their units.
+
+        Args:
+            unknown: what stands where the prior says nothing: for friction, for added effects, and for a rotor inertia
+                alone; in a combination a rotor inertia counts as zero.
+        """
+        base, K = self.reduction.base, self.reduction.K
+        table = [self.model.parameters[k] for k in base]
+        combined = np.count_nonzero(K, axis=1) > 1
+        known = [
+            p.of_body or (p.kind == "Im" and mixed)
+            for p, mixed in zip(table, combined, strict=True)
+        ]
+        return np.where(known, K @ prior_vector(self.model), unknown)
+
+    def torques(self, theta: Floats) -> ModelTorques:
+        """Return the torques of base parameters: their representatives carry them, all other parameters are zero."""
+        values = np.zeros(self.model.size)
+        values[self.reduction.base] = theta
+        return ModelTorques(self.model, values)
+
     @property
     def classes(self) -> dict[str, tuple[str, ...]]:
         """Names of the link, drive and friction parameters by class: alone, not identifiable, combined."""
@@ -167,30 +189,6 @@ def in_memory(robot: Robot, samples: int = 200, tolerance: float | None = None) 
     return (
         kept if kept.robot is robot else BaseModel(Model(robot, kept.model.rigid), kept.reduction)
     )
-
-
-def prior_base_parameters(model: Model, reduction: Reduction, *, unknown: float = np.nan) -> Floats:
-    """Return the prior of the base parameters, K gamma, (p,), in their units.
-
-    Args:
-        model: the model.
-        reduction: its base parameters.
-        unknown: what stands where the prior says nothing: for friction, for added effects, and for a rotor inertia
-            alone; in a combination a rotor inertia counts as zero.
-    """
-    table = [model.parameters[k] for k in reduction.base]
-    combined = np.count_nonzero(reduction.K, axis=1) > 1
-    known = [
-        p.of_body or (p.kind == "Im" and mixed) for p, mixed in zip(table, combined, strict=True)
-    ]
-    return np.where(known, reduction.K @ prior_vector(model), unknown)
-
-
-def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTorques:
-    """Return the torques of base parameters: their representatives carry them, all other parameters are zero."""
-    values = np.zeros(model.size)
-    values[reduction.base] = theta
-    return ModelTorques(model, values)
 
 
 # ---------------------------------------------------------------- on disk

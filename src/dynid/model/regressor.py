@@ -225,6 +225,14 @@ class Observer:
             full[part, self.rows[: self._own_entries], self.cols[: self._own_entries]] = entries.T
         return full
 
+    def along(self, motion: ArmMotion) -> Floats:
+        """Return the chosen columns along a motion, those of added effects too, (N, n, p)."""
+        full, own = self.dense(motion.q, motion.qd, motion.qdd), self._own_entries
+        if len(self.added_entries):
+            entries = self._made_of[0].added_entries(motion)[self.added_entries]
+            full[:, self.rows[own:], self.cols[own:]] = entries.T
+        return full
+
     def torque(self, theta: Floats, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the torques of given parameters without storing the regressor, and without added effects.
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.errors import Collision, Finding, LimitBroken, PackageMissing
-from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.base_model import BaseModel
 from dynid.model.parameters import DEFAULT_CYLINDERS
 from dynid.motion import Motion
 from dynid.progress import advance, stage
@@ -115,7 +115,7 @@ def planning_context(
         default_noise(base.robot) if noise is None else noise,
         known,
         known if believed is None else believed,
-        prior_base_parameters(base.model, base.reduction, unknown=0.0),
+        base.prior(unknown=0.0),
         held_out(base.model, base.reduction.base, bounds(base.robot)),
     )
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import ArmMotion, Joints, Shape
 from dynid.motion import Motion
@@ -74,7 +74,7 @@ def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> tuple[
     """
     seconds = float(motion.t[-1] - motion.t[0])
     weight = np.sqrt(tuning.INDEPENDENT_ROWS_A_SECOND * seconds / len(motion.t)) / question.noise
-    reference = model_torques(base.model, base.reduction, question.theta)
+    reference = base.torques(question.theta)
     arm = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, base.robot, reference, lambda x: x)
     Q = _basis(_weighted(base.observer.dense(motion.q, motion.qd, motion.qdd), weight))
     return tuple(_lead(arm, pair, weight, Q) for pair in question.rivalries)

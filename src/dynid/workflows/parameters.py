@@ -42,7 +42,7 @@ from dynid.loading import (
     read_log,
 )
 from dynid.log import Log
-from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
+from dynid.model.base_model import BaseModel, in_memory
 from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
 from dynid.robot import Coulomb, Robot
@@ -147,7 +147,7 @@ class Observations(Answered):
             facts: further facts for the headers, such as the inputs that they depend on.
         """
         motion = RunFolder(folder).motion
-        prior = prior_base_parameters(self.base.model, self.base.reduction, unknown=0.0)
+        prior = self.base.prior(unknown=0.0)
         words = "the prior; dynid identify puts the identified torque here"
         header = {"joints": list(self.stack.joints), "torque_from": words}
         motions = prediction.predict_logs(self.stack, prior)

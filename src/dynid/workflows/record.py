@@ -19,7 +19,6 @@ from dynid.errors import Declined, DynidError, LimitsAssumed, NotReviewed, Start
 from dynid.estimation.result import Identification
 from dynid.files.logs import read_log
 from dynid.files.trajectoryfile import StoredTrajectory
-from dynid.model.base_model import prior_base_parameters
 from dynid.motion import Motion
 from dynid.progress import advance, notice, stage
 from dynid.record import manifest, motion_checks, playing, preflight, session, tuning
@@ -247,7 +246,7 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
     if stored is None:
         base = base_model(robot, run.folder)
         theta, words = (
-            prior_base_parameters(base.model, base.reduction, unknown=0.0),
+            base.prior(unknown=0.0),
             "the robot file's prior, without friction",
         )
     else:

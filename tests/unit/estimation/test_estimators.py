@@ -20,7 +20,6 @@ from dynid.estimation.least_squares import (
     widened,
 )
 from dynid.estimation.rows import Rows
-from dynid.model.base_model import prior_base_parameters
 from dynid.signals.filters import lowpass_kernel
 
 FIVE = np.array([3.0, -1.0, 0.5, 2.0, 0.01])
@@ -68,7 +67,7 @@ def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
 
 def test_ridge_follows_rows_that_are_sure_and_the_prior_where_they_are_not():
     base = models.two_links()
-    prior = prior_base_parameters(base.model, base.reduction)
+    prior = base.prior()
     W = np.random.default_rng(0).standard_normal((200, 2, base.rank))
     known = np.isfinite(prior)
     truth = np.nan_to_num(prior) + 1.0

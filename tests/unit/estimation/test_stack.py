@@ -12,7 +12,6 @@ from dynid.errors import RankDeficient
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.least_squares import relative_error, weighted
 from dynid.estimation.stack import load_logs, on_time, stack_logs
-from dynid.model.base_model import prior_base_parameters
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
 from dynid.signals.conditioned_log import (
@@ -159,7 +158,7 @@ def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
 
 
 def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
-    values = prior_base_parameters(base.model, base.reduction)
+    values = base.prior()
     links = dict(zip(base.model.parameter_names, prior_vector(base.model), strict=True))
     combined = [k for k, name in enumerate(base.names) if name.endswith("R")]
     assert combined

@@ -7,7 +7,6 @@ import models
 import twolink
 from dynid.gap.forward_simulation import least_inertia, load_parameters, nearest_possible
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.model.base_model import model_torques
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
@@ -33,9 +32,9 @@ def test_fitted_parameters_of_no_arm_are_replaced_by_those_of_the_next_one(arm):
     sigma[weak] = 0.5
     wrong = truth.copy()
     wrong[weak] -= 0.3
-    assert least_inertia(model_torques(base.model, base.reduction, wrong), q) < 0
+    assert least_inertia(base.torques(wrong), q) < 0
     found = nearest_possible(base, wrong, np.diag(sigma**2))
-    assert least_inertia(model_torques(base.model, base.reduction, found), q) > 0
+    assert least_inertia(base.torques(found), q) > 0
     others = np.arange(len(truth)) != weak
     assert np.all(np.abs(found - truth)[others] < 5 * sigma[others])
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.model.base_model import prior_base_parameters
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
@@ -50,7 +49,7 @@ def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_difference
         "basis": Quintic.even(5.0, 3, smooth=True),
         "cost": Cost("i", V=np.eye(p)),
         "capsules": Capsules(gen2.robot, scene),
-        "torque": prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0),
+        "torque": gen2.prior(unknown=0.0),
         "limits": replace(wide, torque=0.03 * wide.torque),
         "known": 10 * np.eye(p),
         "noise": np.linspace(0.1, 0.4, 7),
