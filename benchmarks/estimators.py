@@ -101,7 +101,7 @@ class Arm:
 
     def torques(self, theta, motion):
         """Return what parameters say of the drives on a motion, (N n,)."""
-        dense = self.base.model.observer(self.base.reduction.base).dense(*motion)
+        dense = self.base.observer.dense(*motion)
         return dense.reshape(-1, len(self.beta)) @ theta
 
 
@@ -242,7 +242,7 @@ def butterworth(arm, log):
     q = signal.sosfiltfilt(signal.butter(4, 50 / (LOGGED / 2), output="sos"), log.q, axis=0)
     qd = np.gradient(q, 1 / LOGGED, axis=0)
     motion = (x[50:-50] for x in (q, qd, np.gradient(qd, 1 / LOGGED, axis=0)))
-    observer = arm.base.model.observer(arm.base.reduction.base)
+    observer = arm.base.observer
     rows = Rows.of(observer.dense(*motion), log.tau[50:-50])
     fit = ordinary(rows.factors(), rows.counts)
     return figures(arm, fit.theta, fit.covariance, time.perf_counter() - start, fit.theta)

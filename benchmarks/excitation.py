@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 import study
-from dynid.model.regressor import Model
+from dynid.model.base_model import BaseModel
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost, figures
@@ -64,8 +64,7 @@ HEADER = (
 class Bench:
     """One arm with its columns, its limits and the motions it is judged on."""
 
-    model: Model
-    base: np.ndarray
+    base: BaseModel
     rigid: np.ndarray
     limits: Bounds
     other: np.ndarray
@@ -74,10 +73,9 @@ class Bench:
     def row(self, trajectory, starts):
         """Return the figures of one motion, judged on 1,000 samples."""
         motion = trajectory.motion(np.linspace(0, trajectory.duration, 1000))
-        found = predict(
-            self.model, self.base, motion, np.full(self.model.robot.n, NOISE), self.other
-        )
-        W = self.model.observer(self.rigid).dense(motion.q, motion.qd, motion.qdd)
+        noise = np.full(self.base.robot.n, NOISE)
+        found = predict(self.base, motion, noise, self.other)
+        W = self.base.model.observer(self.rigid).dense(motion.q, motion.qd, motion.qdd)
         W = W.reshape(-1, len(self.rigid))
         return {
             "cond": found.figures.condition,
@@ -109,23 +107,20 @@ def broken(trajectory, limits, rate=1e4):
 
 def bench(name):
     """Prepare an arm."""
-    found = with_plain_friction(name)
-    robot = found.robot
-    model, base, names = found.model, found.reduction.base, found.model.parameter_names
-    rigid = np.array([k for k in base if not names[k].startswith(("fv", "fc", "Im"))])
+    base = with_plain_friction(name)
+    robot, columns, names = base.robot, base.reduction.base, base.model.parameter_names
+    rigid = np.array([k for k in columns if not names[k].startswith(("fv", "fc", "Im"))])
     narrow = bounds(robot, 0.05)
     limits = replace(bounds(robot), lower=narrow.lower, upper=narrow.upper)
     costs = {
-        "I-optimal": (base, Cost("i", V=held_out(model, base, limits, seed=0))),
-        "D-optimal": (base, Cost("d")),
-        "cond": (base, Cost("condition")),
-        "cond, normalised": (base, Cost("condition", normalised=True)),
+        "I-optimal": (columns, Cost("i", V=held_out(base, limits, seed=0))),
+        "D-optimal": (columns, Cost("d")),
+        "cond": (columns, Cost("condition")),
+        "cond, normalised": (columns, Cost("condition", normalised=True)),
         "cond, rigid columns": (rigid, Cost("condition")),
-        "Eq. 14 along the path": (base, Cost("paper")),
+        "Eq. 14 along the path": (columns, Cost("paper")),
     }
-    return Bench(
-        model, base, rigid, limits, held_out(model, base, limits, seed=77, motions=6), costs
-    )
+    return Bench(base, rigid, limits, held_out(base, limits, seed=77, motions=6), costs)
 
 
 class _Over(Exception):
@@ -153,7 +148,7 @@ class Best:
 def search_motions(b, basis, cost, seconds):
     """Search as ``dynid trajectory`` does, in one process, and judge the best."""
     columns, function = b.costs[cost]
-    objective = ExcitationObjective(PlanProblem(b.model, columns, basis, b.limits, function))
+    objective = ExcitationObjective(PlanProblem(b.base.model, columns, basis, b.limits, function))
     best, start = Best(seconds), 0
     try:
         while True:
@@ -170,14 +165,14 @@ def random_search(b, basis, costs, seconds):
     t = DURATION * (np.arange(200) + 0.5) / 200
     shaping, observer, rng = (
         Shaping(basis, b.limits, t),
-        b.model.observer(b.base),
+        b.base.observer,
         np.random.default_rng(0),
     )
-    among = np.searchsorted(b.base, b.rigid)
+    among = np.searchsorted(b.base.reduction.base, b.rigid)
     best = dict.fromkeys(costs, (np.inf, None))
     while time.process_time() < end:
         x, count = random_variables(basis, b.limits, rng), count + 1
-        W = observer.dense(*shaping.motion(x)).reshape(-1, len(b.base))
+        W = observer.dense(*shaping.motion(x)).reshape(-1, b.base.rank)
         G = W.T @ W
         for cost in costs:
             value = b.costs[cost][1].value(G[np.ix_(among, among)] if "rigid" in cost else G)[0]
@@ -193,9 +188,9 @@ def papers_recipe(b, points, seconds):
     """Choose free measurement points for Eq. 14, then join them by quintics as the paper does."""
     from scipy.optimize import minimize
 
-    best, count, n = Best(seconds), 0, b.model.robot.n
+    best, count, n = Best(seconds), 0, b.base.robot.n
     regressor, cost, rng = (
-        RegressorGradient(b.model, b.base, points),
+        RegressorGradient(b.base.model, b.base.reduction.base, points),
         Cost("paper"),
         np.random.default_rng(0),
     )
@@ -205,7 +200,7 @@ def papers_recipe(b, points, seconds):
     def objective(x, power):
         u = np.tanh(x.reshape(3, points, n))
         W = regressor.dense(middle + half * u[0], scale[1] * u[1], scale[2] * u[2])
-        rows = W.reshape(-1, len(b.base))
+        rows = W.reshape(-1, b.base.rank)
         value, slope = cost.value(rows.T @ rows, power)
         best.note(value if np.isinf(power) else np.inf, x)
         g = regressor.gradient(2 * (rows @ slope).reshape(W.shape))
@@ -224,7 +219,7 @@ def papers_recipe(b, points, seconds):
         pass
     u = np.tanh(best.kept.reshape(3, points, n))
     rates = [middle + half * u[0], scale[1] * u[1], scale[2] * u[2]]
-    W = b.model.observer(b.base).dense(*rates).reshape(-1, len(b.base))
+    W = b.base.observer.dense(*rates).reshape(-1, b.base.rank)
     for rate in rates[1:]:
         rate[[0, -1]] = 0.0
     knots = np.linspace(0, 2.0 * (points - 1), points)

@@ -110,7 +110,7 @@ class Kept:
         return look([log], self.base, kept_model(self.found), [self.source]).verdict
 
     def gravity(self, q):
-        rest, observer = np.zeros_like(q), self.base.model.observer(self.base.reduction.base)
+        rest, observer = np.zeros_like(q), self.base.observer
         return observer.dense(q, rest, rest) @ self.found.plain
 
     def unit_torque(self, name, joint):

@@ -56,7 +56,7 @@ def unhindered(robot, options):
     for one in proposals(context, optimise(free, options, options.seconds)):
         if not context.check(one.trajectory).violations:
             motion = one.trajectory.sampled(options.rate)
-            found = predict(base.model, base.reduction.base, motion, context.noise, context.other)
+            found = predict(base, motion, context.noise, context.other)
             return found.torque_error
     return float("nan")
 

@@ -1,4 +1,4 @@
-"""What is predicted before the arm moves is what comes out: the shipped Gen2 motion, run in PyBullet and identified."""
+"""What is predicted before the arm moves is what comes out: the shipped Gen2 motion, run in MuJoCo and identified."""
 
 import dataclasses
 from pathlib import Path
@@ -14,7 +14,7 @@ from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.loading import condition_logs
-from dynid.sim.arm import SimulatedRun, track
+from dynid.sim.arm import SimulatedArm, SimulatedRun, track
 from dynid.sim.plant import Sensors, read_plant
 from dynid.trajectory.basis import Quintic, basis_from
 from dynid.trajectory.feasible import bounds, coefficients, random_variables
@@ -25,17 +25,13 @@ SHIPPED = Path(__file__).parents[2] / "trajectories" / "kinova_gen2_alpha1.0.npz
 DRAWS, RATE, STEP = 20, 100.0, 1e-3
 
 
-def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_identified(tmp_path):
-    pytest.importorskip("pybullet")
-    from dynid.sim.arm import SimulatedArm
-
+def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_mujoco_and_identified(tmp_path):
     robot = load_robot("kinova_gen2")
     base = models.shipped("kinova_gen2")
-    model, reduction = base.model, base.reduction
     stored = read_trajectory(SHIPPED, robot)
     plan = Trajectory(basis_from(dict(stored.basis)), stored.coefficients)
-    noise, other = default_noise(robot), held_out(model, reduction.base, bounds(robot))
-    predicted = predict(model, reduction.base, plan.sampled(RATE), noise, other)
+    noise, other = default_noise(robot), held_out(base, bounds(robot))
+    predicted = predict(base, plan.sampled(RATE), noise, other)
 
     arm = SimulatedArm(robot, dt=STEP)
     done, kept = track(arm, plan.sampled(1 / STEP)), slice(None, None, round(1 / STEP / RATE))
@@ -48,7 +44,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     for _ in range(DRAWS):
         sensors.measure(truth, robot.log_names, rng).save(tmp_path / "log.npz")
         sources = condition_logs(
-            [load_log(tmp_path / "log.npz", robot, identify=False)], model, LogOptions()
+            [load_log(tmp_path / "log.npz", robot, identify=False)], base.model, LogOptions()
         )
         stacked = stack_logs(sources, base)
         draws.append(weighted(stacked.factors, stacked.counts).theta)
@@ -64,13 +60,11 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
 
 
 def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_three_motions_of_another_arm():
-    """Torques of PyBullet for the LWR4+ of trajectories/lwr4plus_truth.yaml; the prior knows none of its bodies."""
-    pytest.importorskip("pybullet")
+    """Torques of MuJoCo for the LWR4+ of trajectories/lwr4plus_truth.yaml; the prior knows none of its bodies."""
     robot, plant = load_robot("kuka_lwr4plus"), read_plant(SHIPPED.with_name("lwr4plus_truth.yaml"))
     base = models.shipped("kuka_lwr4plus")
-    model = base.model
-    columns, noise = base.reduction.base, default_noise(robot)
-    other, prior = held_out(model, columns, bounds(robot)), prior_information(base)
+    noise, other = default_noise(robot), held_out(base, bounds(robot))
+    prior = prior_information(base)
     ratio = []
     for seed, alpha in enumerate((1.0, 0.6, 0.3)):
         basis, limits = Quintic.even(12.0, 8), bounds(robot, 0.1)
@@ -87,7 +81,7 @@ def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_
         miss = found.theta - base.reduction.K @ np.array(
             [known[name] for name in base.reduction.names]
         )
-        expected = predict(model, columns, motion, noise, other, prior).torque_error
+        expected = predict(base, motion, noise, other, prior).torque_error
         ratio.append(np.sqrt(miss @ other @ miss / robot.n) / expected)
     # Why so wide: each ratio is one draw of the noise and of how far the arm is from the prior.
     assert 0.5 < np.median(ratio) < 1.6

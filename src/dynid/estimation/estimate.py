@@ -333,7 +333,7 @@ def excitation_findings(
 
 def sensor_findings(base: BaseModel) -> list[Finding]:
     """Say what a torque sensor between gear and link cannot see."""
-    parameters = zip(base.reduction.base_names, base.reduction.base, strict=True)
+    parameters = zip(base.names, base.reduction.base, strict=True)
     rotors = [name for name, k in parameters if base.model.parameters[k].kind == "Im"]
     source, named = base.robot.torque.source, ", ".join(rotors)
     if source not in ("joint_sensor", "unknown") or not rotors:

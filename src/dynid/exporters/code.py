@@ -167,7 +167,7 @@ def _residual(arm: IdentifiedArm, error: ModelError) -> dict[str, Any]:
 def _loaded(arm: IdentifiedArm, engine: str, theirs: Any) -> Loaded:  # noqa: ANN401
     error = arm.predicted_error
     gone = {name for each in arm.base.model.added if why_not_code(each) for name in each.names}
-    held = np.array([name not in gone for name in arm.base.reduction.base_names])
+    held = np.array([name not in gone for name in arm.base.names])
 
     def ours(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         W = arm.base.observer.along(motion_of(arm, q, qd, qdd)) * held

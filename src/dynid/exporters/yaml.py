@@ -39,7 +39,7 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
             }
         )
     shape = robot.coulomb_shape
-    base = zip(arm.base.reduction.base_names, arm.theta.tolist(), strict=True)
+    base = zip(arm.base.names, arm.theta.tolist(), strict=True)
     return {
         "schema": "dynid/full/1",
         "robot": robot.name,

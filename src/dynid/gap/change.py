@@ -112,7 +112,7 @@ def with_always_missing(problem: GapProblem, rows: GapRows) -> tuple[GapRows, Fl
     old = rows.only(~rows.is_new)
     level = searched_rms(old, unwhitened_fit(old)[1])
     speed = np.maximum(np.sqrt(np.mean(rows.qd**2, axis=0)), SLOWEST)
-    observer = base.model.observer(base.reduction.base)
+    observer = base.observer
     D = np.concatenate([shapes_in(log, observer, speed) for log in rows.logs])
     D[:, :, -1] *= np.abs(rows.W @ problem.theta)
     rms = np.sqrt(np.mean(D**2, axis=0, where=rows.use[:, :, None]))

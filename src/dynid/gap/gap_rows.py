@@ -150,7 +150,7 @@ def gap_rows(
         reference: the current model, which effects scale with.
         earlier: conditioned logs in which they do not.
     """
-    observer = base.model.observer(base.reduction.base)
+    observer = base.observer
     parts: list[ConditionedLog] = []
     motions, arrays_of_parts = [], []
     for number, log in enumerate(with_effects(x, base.model, reference) for x in (*earlier, *logs)):

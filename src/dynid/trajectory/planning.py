@@ -81,7 +81,7 @@ class PlanningContext:
 
     def torque(self, motion: Motion) -> Floats:
         """Return the torques that are predicted before anything is measured, (N, n) [N m or N]."""
-        observer = self.base.model.observer(self.base.reduction.base)
+        observer = self.base.observer
         return observer.torque(self.theta, motion.q, motion.qd, motion.qdd)
 
     def check(self, trajectory: Trajectory) -> LimitCheck:
@@ -116,7 +116,7 @@ def planning_context(
         known,
         known if believed is None else believed,
         base.prior(unknown=0.0),
-        held_out(base.model, base.reduction.base, bounds(base.robot)),
+        held_out(base, bounds(base.robot)),
     )
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.arrays import Floats, Ints, Mask
-from dynid.model.regressor import Model
+from dynid.arrays import Floats, Mask
+from dynid.model.base_model import BaseModel
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.trajectory import tuning
@@ -41,8 +41,7 @@ class Prediction:
 
 
 def predict(
-    model: Model,
-    columns: Ints,
+    base: BaseModel,
     motion: Motion,
     noise: Floats,
     other: Floats,
@@ -51,37 +50,32 @@ def predict(
     """Predict the errors of weighted least squares on a log of a motion.
 
     Args:
-        model: the model.
-        columns: base parameters, (p,).
+        base: model and base parameters.
         motion: the motion at the samples of the log.
         noise: standard deviation of each joint's torque, white, (n,) [N m or N].
         other: mean of P^T P over the motions to predict, (p, p), from ``held_out``.
         known: information matrix of earlier logs; None without any.
     """
-    raw, weighted = information_of(model, columns, motion, noise)
+    raw, weighted = information_of(base, motion, noise)
     total = weighted if known is None else weighted + known
     covariance, seen = _inverse(total)
     std_error = np.where(seen, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
-    error = np.sqrt(np.sum(other * covariance) / model.robot.n) if seen.all() else np.inf
+    error = np.sqrt(np.sum(other * covariance) / base.robot.n) if seen.all() else np.inf
     return Prediction(figures(raw), std_error, float(error))
 
 
-def information_of(
-    model: Model, columns: Ints, motion: Motion, noise: Floats
-) -> tuple[Floats, Floats]:
+def information_of(base: BaseModel, motion: Motion, noise: Floats) -> tuple[Floats, Floats]:
     """Return W^T W of a motion, unweighted and in units of the noise, (p, p) each.
 
     Args:
-        model: the model.
-        columns: base parameters, (p,).
+        base: model and base parameters.
         motion: the motion at the samples of the log.
         noise: standard deviation of each joint's torque, (n,) [N m or N].
     """
-    observer = model.observer(columns)
-    raw, weighted = np.zeros((2, len(columns), len(columns)))
+    raw, weighted = np.zeros((2, base.rank, base.rank))
     for start in range(0, len(motion), 1000):
         part = slice(start, start + 1000)
-        P = observer.dense(motion.q[part], motion.qd[part], motion.qdd[part])
+        P = base.observer.dense(motion.q[part], motion.qd[part], motion.qdd[part])
         joints = np.einsum("kjp,kjq->jpq", P, P, optimize=True)
         raw += joints.sum(axis=0)
         weighted += np.einsum("jpq,j->pq", joints, 1 / noise**2)
@@ -101,22 +95,20 @@ def _inverse(G: Floats) -> tuple[Floats, Mask]:
 
 
 def held_out(
-    model: Model,
-    columns: Ints,
+    base: BaseModel,
     limits: Bounds,
     seed: int = 0,
     motions: int = tuning.OTHER_MOTIONS,
 ) -> Floats:
     """Return the mean of P^T P over random motions inside the limits that the model shall predict, (p, p) [(N m)^2]."""
-    observer = model.observer(columns)
     basis = Sines(tuning.OTHER_DURATION_S, tuning.OTHER_HARMONICS)
     t = tuning.OTHER_DURATION_S * (np.arange(200) + 0.5) / 200
     shaping = Shaping(basis, limits, t)
-    total = np.zeros((len(columns), len(columns)))
+    total = np.zeros((base.rank, base.rank))
     for k in range(motions):
         x = random_variables(basis, limits, np.random.default_rng((seed, 1000 + k)))
-        W = observer.dense(*shaping.motion(x))
-        rows = W.reshape(-1, len(columns))
+        W = base.observer.dense(*shaping.motion(x))
+        rows = W.reshape(-1, base.rank)
         total += rows.T @ rows / len(W)
     return total / motions
 
@@ -142,8 +134,7 @@ class AlphaRow:
 
 def alpha_table(
     trajectory: Trajectory,
-    model: Model,
-    columns: Ints,
+    base: BaseModel,
     noise: Floats,
     other: Floats,
     samples: int,
@@ -155,8 +146,7 @@ def alpha_table(
 
     Args:
         trajectory: the motion; its own speed factor is in the table as well.
-        model: the model.
-        columns: base parameters, (p,).
+        base: model and base parameters.
         noise: standard deviation of each joint's torque in one sample, white, (n,) [N m or N].
         other: mean of P^T P over the motions to predict, (p, p), from ``held_out``.
         samples: number of samples of the log at full speed.
@@ -169,7 +159,7 @@ def alpha_table(
     for alpha in sorted({*tuning.RECOMMENDED_ALPHAS, trajectory.alpha}):
         slowed = replace(trajectory, alpha=alpha)
         motion = slowed.motion(slowed.duration * (np.arange(count) + 0.5) / count)
-        prediction = predict(model, columns, motion, noise, other, known)
+        prediction = predict(base, motion, noise, other, known)
         rows.append(
             AlphaRow(
                 alpha,

@@ -124,7 +124,7 @@ class Observations(Answered):
             "samples": self.stack.samples,
             "rate_hz": self.stack.logs[0].filter.rate,
             **picked(solution, "rank", "condition_number_scaled"),
-            "structural_rank": self.base.reduction.rank,
+            "structural_rank": self.base.rank,
             "condition_number": condition_number(R, solution.rank),
             "findings": [*header["log_findings"], *weak],
         }

@@ -258,7 +258,7 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
             raise WrongUsage(f"{stored.path} predicts currents", fix="leave out --parameters")
         base = stored.base
         theta, words = stored.theta, source
-    observer = base.model.observer(base.reduction.base)
+    observer = base.observer
     return TorqueForecaster(
         lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words, source
     )

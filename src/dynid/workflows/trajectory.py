@@ -208,7 +208,7 @@ class Plan(Answered, SafeMotion):
             "left_out_pairs": list(self.clearance.left_out),
             "assumed_limits": list(assumed_limits(self.robot)),
             "predicted_std_error": dict(
-                zip(self.context.base.reduction.base_names, errors.tolist(), strict=True)
+                zip(self.context.base.names, errors.tolist(), strict=True)
             ),
             "expected_torque_error_nm": self.prediction.torque_error,
             "ladder": [asdict(row) for row in self.alphas],
@@ -363,7 +363,7 @@ def _information(
     prior = prior_information(base)
     for result in results:
         base.robot.require_joints(result.robot.joint_names, result.label)
-        if tuple(result.names) != base.reduction.base_names:
+        if tuple(result.names) != base.names:
             what = f"{result.path} has other base parameters than the motion is planned with"
             fix = "identify again with this robot file, without `effects:`, or leave out --earlier"
             raise WrongUsage(what, fix=fix)
@@ -509,13 +509,12 @@ def _without_effects(base: BaseModel) -> BaseModel:
 def _predicted(context: PlanningContext, trajectory: Trajectory) -> dict[str, Any]:
     """Return what of a plan says what it will teach, by name."""
     base, noise, rate = context.base, context.noise, context.options.rate
-    model, columns, other, known = base.model, base.reduction.base, context.other, context.believed
-    prediction = predict(model, columns, trajectory.sampled(rate), noise, other, known)
+    other, known = context.other, context.believed
+    prediction = predict(base, trajectory.sampled(rate), noise, other, known)
     samples = len(replace(trajectory, alpha=1.0).sampled(rate))
-    alphas = alpha_table(trajectory, model, columns, noise, other, samples, known)
+    alphas = alpha_table(trajectory, base, noise, other, samples, known)
     weakest = int(np.argmax(prediction.std_error * np.sqrt(np.diag(other))))
-    names = base.reduction.base_names
-    return {"prediction": prediction, "alphas": alphas, "weakest": names[weakest]}
+    return {"prediction": prediction, "alphas": alphas, "weakest": base.names[weakest]}
 
 
 # ---------------------------------------------------------------- motions planned before
@@ -642,7 +641,7 @@ def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestio
         )
     if record.made_from and Path(record.made_from).is_file():
         result = load_run(Path(record.made_from))
-        if tuple(result.names) == base.reduction.base_names:
+        if tuple(result.names) == base.names:
             theta = result.theta
     return GapQuestion(rivalries, np.asarray(record.improvement.floor), theta)
 

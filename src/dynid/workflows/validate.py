@@ -253,7 +253,7 @@ def validate(
     check_weight(checked, base.robot)
     (replayed,) = scaled(condition_logs([checked], base.model, options), base, result.theta)
     stage("replay")
-    observer = base.model.observer(base.reduction.base)
+    observer = base.observer
     rows = rows_of(replayed, observer)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, result.theta, error, observer)

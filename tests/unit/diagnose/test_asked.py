@@ -37,9 +37,7 @@ def test_torques_that_bodies_without_weight_explain_well_are_refused():
     """Inertia and friction alone are those of an arm whose links are balanced, so that the fit itself is good."""
     robot, log = lwr(), prepare(lwr_log(), lwr())
     full, base = identified(log, robot), dynid.base_model(robot)
-    weight = base.model.observer(base.reduction.base).torque(
-        full.theta, log.q, 0 * log.q, 0 * log.q
-    )
+    weight = base.observer.torque(full.theta, log.q, 0 * log.q, 0 * log.q)
     with pytest.raises(GravityRemoved):
         identified(replace(log, tau=log.tau - weight), robot)
 

@@ -36,7 +36,7 @@ def test_written_code_gives_dynids_torques(robot, format):
 
 def by_hand(arm, error, q, qd, qdd):
     """Torques of the parameters and of the residual model, from its equation, one state and joint after the other."""
-    observer = arm.base.model.observer(arm.base.reduction.base)
+    observer = arm.base.observer
     W, signs = observer.dense(q, qd, qdd), observer.coulomb_sign(qd)
     tau = W @ arm.theta
     for m, j in np.ndindex(*q.shape):
@@ -179,7 +179,7 @@ def test_a_formula_is_part_of_the_code(format):
     )
     bare, source = made(robot), made(replace(robot, effects=specs))
     sizes = {"formula2_a": 0.7, "formula2_b": -0.3, "formula4_a": 0.01}
-    values = zip(source.base.reduction.base_names, source.theta, strict=True)
+    values = zip(source.base.names, source.theta, strict=True)
     source = replace(source, theta=np.array([sizes.get(name, value) for name, value in values]))
     q, qd, qdd = random_states(robot, 20, 3)
     law = 0.7 * np.cos(2 * q[:, 1]) * np.abs(qd[:, 2]) * qd[:, 3] ** 3 / (2 + np.sin(q[:, 0]) ** 2)

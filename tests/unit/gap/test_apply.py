@@ -34,8 +34,8 @@ def test_the_copy_keeps_the_file_and_has_the_effects(robot, tmp_path):
 def test_the_rigid_body_and_its_base_parameters_stay(twolinks):
     base = twolinks.base
     added = with_specs(base, [SPRING])
-    n = base.reduction.rank
-    assert added.reduction.base_names[:n] == base.reduction.base_names
+    n = base.rank
+    assert added.reduction.base_names[:n] == base.names
     assert added.reduction.base_names[n:] == ("spring2_k1", "spring2_c")
     again = with_specs(added, [OFFSET])
     assert set(again.reduction.base_names) > set(added.reduction.base_names)
@@ -67,7 +67,7 @@ def test_the_logs_are_stacked_with_the_columns_of_the_effect(springy, twolinks):
         specs_of(seen.verdict.named, twolinks.base.robot),
         seen.problem.theta,
     )
-    assert "spring2_k1" in base.reduction.base_names
+    assert "spring2_k1" in base.names
     found = estimate(stack, method="wls", holdout=None)
     k = found.names.index("spring2_k1")
     assert abs(found.plain[k] - 2.0) < 3 * found.std_error[k]

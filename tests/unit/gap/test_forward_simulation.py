@@ -25,9 +25,7 @@ def arm():
 def test_fitted_parameters_of_no_arm_are_replaced_by_those_of_the_next_one(arm):
     base, truth = arm
     q = np.random.default_rng(0).uniform(-1, 1, (40, 7))
-    weak = base.reduction.base_names.index(
-        next(n for n in base.reduction.base_names if n.startswith("Izz7"))
-    )
+    weak = base.names.index(next(n for n in base.names if n.startswith("Izz7")))
     sigma = 1e-3 * (1 + np.abs(truth))
     sigma[weak] = 0.5
     wrong = truth.copy()
@@ -70,7 +68,7 @@ def test_a_load_is_carried_by_the_arm_as_the_textbook_has_a_heavier_second_link(
         values={"m": m, "mcx": m * beyond, "mcy": 0.0, "mcz": 0.0},
     )
     base = twolinks.base
-    W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
+    W = base.observer.dense(q, qd, qdd)
     assert W @ load_parameters(base, load) == pytest.approx(
         twolink.torque(q, qd, qdd) - bare, abs=1e-9
     )

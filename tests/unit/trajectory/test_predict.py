@@ -21,13 +21,13 @@ from dynid.trajectory.predict import (
 
 @pytest.fixture(scope="module")
 def other(lwr):
-    return held_out(lwr.model, lwr.reduction.base, bounds(lwr.robot))
+    return held_out(lwr, bounds(lwr.robot))
 
 
 def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
     noise = np.full(7, 0.1)
-    motion, columns = random_trajectory(lwr.robot, 2), lwr.reduction.base
-    rows = alpha_table(motion, lwr.model, columns, noise, other, samples=6000)
+    motion = random_trajectory(lwr.robot, 2)
+    rows = alpha_table(motion, lwr, noise, other, samples=6000)
     assert [row.alpha for row in rows] == [0.2, 0.5, 1.0]
     errors = [row.torque_error for row in rows]
     assert errors == sorted(errors, reverse=True)
@@ -35,18 +35,18 @@ def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
 
 
 def test_the_table_counts_the_samples_that_the_log_will_have(lwr, other):
-    motion, noise, columns = random_trajectory(lwr.robot, 2), np.full(7, 0.1), lwr.reduction.base
+    motion, noise = random_trajectory(lwr.robot, 2), np.full(7, 0.1)
     samples = motion.sampled(200)
-    row = alpha_table(motion, lwr.model, columns, noise, other, samples=len(samples))[-1]
+    row = alpha_table(motion, lwr, noise, other, samples=len(samples))[-1]
     assert row.torque_error == pytest.approx(
-        predict(lwr.model, columns, samples, noise, other).torque_error, rel=0.01
+        predict(lwr, samples, noise, other).torque_error, rel=0.01
     )
 
 
 def test_a_motion_without_one_joint_leaves_its_friction_unknown(lwr, other):
     motion = random_trajectory(lwr.robot, 3).sampled(50)
     motion.qd[:, 6] = motion.qdd[:, 6] = 0.0
-    found = predict(lwr.model, lwr.reduction.base, motion, np.full(7, 0.1), other)
+    found = predict(lwr, motion, np.full(7, 0.1), other)
     errors = dict(zip(lwr.reduction.base_names, found.std_error, strict=True))
     assert errors["fv7"] == errors["fc7"] == np.inf
     assert np.isfinite(errors["fv2"])
@@ -59,7 +59,7 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
     moved = random_trajectory(lwr.robot, 4).sampled(100)
     for part in (moved.q, moved.qd, moved.qdd):
         part[:, 4:] = 0.0  # the earlier log, long and good, left the wrist still
-    known = 1000 * information_of(lwr.model, columns, moved, noise)[1]
+    known = 1000 * information_of(lwr, moved, noise)[1]
     basis, limit = Quintic.even(5.0, 3), bounds(lwr.robot, 0.1)
     # Why four starts: a single descent ends in one of many valleys, and which depends on rounding.
     aware, unaware = [], []
@@ -71,7 +71,5 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
             objective = ExcitationObjective(problem)
             x = random_variables(basis, limit, np.random.default_rng((start, 0)))
             plan = Trajectory(basis, coefficients(basis, limit, descend(objective, x)[1]))
-            errors.append(
-                predict(lwr.model, columns, plan.sampled(100), noise, other, known).torque_error
-            )
+            errors.append(predict(lwr, plan.sampled(100), noise, other, known).torque_error)
     assert np.mean(aware) < 0.95 * np.mean(unaware)

@@ -29,7 +29,7 @@ def rivals(first, amplitudes, second, joint=1, **shape):
 
 
 def question(base, *pairs):
-    return GapQuestion(tuple(pairs), np.array([0.1, 0.05]), np.zeros(base.reduction.rank))
+    return GapQuestion(tuple(pairs), np.array([0.1, 0.05]), np.zeros(base.rank))
 
 
 def swing(reach, speed=1.0, count=800):
@@ -41,7 +41,7 @@ def swing(reach, speed=1.0, count=800):
 def test_the_lead_is_what_least_squares_with_the_rival_leaves(base):
     motion = swing(1.5)
     pair = rivals("spring", [2.0, 0.3], "counterbalance", order=1.0, constant=1.0)
-    W = base.model.observer(base.reduction.base).dense(motion.q, motion.qd, motion.qdd)
+    W = base.observer.dense(motion.q, motion.qd, motion.qdd)
     torque, rival = np.zeros((800, 2)), np.zeros((800, 2, 2))
     torque[:, 1] = 2.0 * motion.q[:, 1] + 0.3
     rival[:, 1] = np.column_stack([np.sin(motion.q[:, 1]), np.cos(motion.q[:, 1])])
