@@ -207,9 +207,7 @@ class Plan(Answered, SafeMotion):
             ],
             "left_out_pairs": list(self.clearance.left_out),
             "assumed_limits": list(assumed_limits(self.robot)),
-            "predicted_std_error": dict(
-                zip(self.context.base.names, errors.tolist(), strict=True)
-            ),
+            "predicted_std_error": dict(zip(self.context.base.names, errors.tolist(), strict=True)),
             "expected_torque_error_nm": self.prediction.torque_error,
             "ladder": [asdict(row) for row in self.alphas],
             "torque_noise_nm": self.context.noise.tolist(),
