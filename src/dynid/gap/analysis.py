@@ -153,15 +153,15 @@ def _proved(
         late = any(one.name == "torque_delay" for one in some)
         return held_out(problem if late else in_time, some)
 
-    def error(left: Floats) -> float:
-        return float(np.sqrt(np.mean((rms_of(left) / problem.noise.floor) ** 2)))
+    def power(left: Floats) -> float:
+        return float(np.sum((rms_of(left) / problem.noise.floor) ** 2))
 
     while True:
         after, failing = left_by(effects), []
         for one in effects:
             without = left_by([other for other in effects if other is not one])
-            ratio = error(after) / max(error(without), 1e-12)
-            if why := refusal(search, one, options.sure, changed, ratio):
+            falls = (power(without) - power(after)) / max(one.visible**2, 1e-12)
+            if why := refusal(search, one, options.sure, changed, falls):
                 failing.append((one, why))
         if not failing:
             break
