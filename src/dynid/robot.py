@@ -114,6 +114,11 @@ class Body:
         xx, xy, xz, yy, yz, zz = self.inertia_com
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
+    @property
+    def numbers(self) -> Floats:
+        """Mass, centre of mass and inertia about it, (10,) [kg, m, kg m^2]."""
+        return np.array([self.mass, *self.com, *self.inertia_com])
+
     def parameters(self) -> Floats:
         """Return m, mc, I about the frame origin: the first ten of Table 5, (10,)."""
         c = np.array(self.com)

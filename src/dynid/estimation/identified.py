@@ -37,6 +37,13 @@ SAME_MOTION = "the same motion"
 USED = {"physical": "the physically consistent parameters", "plain": "least squares"}
 
 
+def body_facts(numbers: Floats) -> dict[str, Any]:
+    """Return what belongs to the ten ``Body.numbers``, (10, ...), by name for JSON."""
+    mass, *others = numbers.tolist()
+    inertia = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), others[3:], strict=True))
+    return {"mass_kg": mass, "com_m": others[:3], "inertia_com_kg_m2": inertia}
+
+
 @dataclass(frozen=True)
 class ExpectedError:
     """How far predicted torques will be off.
@@ -196,15 +203,11 @@ class Identified:
         """Return mass, centre of mass and inertia of each identified link, for JSON; ``origin`` is data or prior."""
         physical, links = self.physical, []
         for link, columns in body_columns(self.base.model.parameters).items():
-            body = body_of(physical.x[columns])
-            moments = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia_com, strict=True)
             names = (physical.names[k] for k in columns)
             links.append(
                 {
                     "link": link,
-                    "mass_kg": body.mass,
-                    "com_m": list(body.com),
-                    "inertia_com_kg_m2": dict(moments),
+                    **body_facts(body_of(physical.x[columns]).numbers),
                     "origin": {name: physical.origin[name] for name in names},
                 }
             )

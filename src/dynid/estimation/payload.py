@@ -20,6 +20,7 @@ from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
 from dynid.estimation.factor import Factor, triangle
+from dynid.estimation.identified import body_facts
 from dynid.estimation.least_squares import solvable, symmetric_root
 from dynid.estimation.possible_arm import fit_pooled
 from dynid.estimation.possible_set import make_constraints
@@ -56,22 +57,17 @@ class IdentifiedPayload:
     covariance: Floats
 
     @property
-    def numbers(self) -> Floats:
-        """Mass [kg], centre of mass [m] and inertia about it xx, xy, xz, yy, yz, zz [kg m^2], (10,)."""
-        return np.array([self.body.mass, *self.body.com, *self.body.inertia_com])
-
-    @property
     def intervals(self) -> Floats:
         """95 % intervals of the numbers, (10, 2); masses and moments of inertia are never negative."""
-        ends = self.numbers[:, None] + WIDTH * self.std_error[:, None] * [-1.0, 1.0]
+        ends = self.body.numbers[:, None] + WIDTH * self.std_error[:, None] * [-1.0, 1.0]
         return np.where(POSITIVE[:, None], np.maximum(ends, 0.0), ends)
 
     def facts(self) -> dict[str, Any]:
         """Return the body for JSON."""
         return {
-            **_by_name(self.numbers.tolist()),
-            "std_error": _by_name(self.std_error.tolist()),
-            "interval_95": _by_name(self.intervals.tolist()),
+            **body_facts(self.body.numbers),
+            "std_error": body_facts(self.std_error),
+            "interval_95": body_facts(self.intervals),
             "misfit": self.misfit,
         }
 
@@ -84,13 +80,6 @@ class IdentifiedPayload:
             "is it fixed to the last link, and is everything else as before?"
         )
         return [Finding("W411", "warning", text, {"misfit": self.misfit})]
-
-
-def _by_name(numbers: list[Any]) -> dict[str, Any]:
-    """Return what belongs to the ten numbers of a body, by name."""
-    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    inertia = dict(zip(keys, numbers[4:], strict=True))
-    return {"mass_kg": numbers[0], "com_m": numbers[1:4], "inertia_com_kg_m2": inertia}
 
 
 @solvable()
@@ -307,7 +296,9 @@ def fitted_body(R: Floats, r: Floats, misfit: float = 0.0) -> IdentifiedPayload:
     for _ in range(2):
         fit = fit_pooled(R, r, make_constraints(parameters, _ball(x).parameters()))[0]
         x = fit.x
-    J = approx_fprime(fit.x, _shown, 1e-6 * np.maximum(np.abs(fit.x), 1e-3 * fit.x[0]))
+    J = approx_fprime(
+        fit.x, lambda x: body_of(x).numbers, 1e-6 * np.maximum(np.abs(fit.x), 1e-3 * fit.x[0])
+    )
     covariance = fit.covariance
     return IdentifiedPayload(
         body_of(fit.x), np.sqrt(np.diagonal(J @ covariance @ J.T)), misfit, covariance
@@ -320,7 +311,3 @@ def _ball(phi: Floats) -> Body:
     x, y, z = (phi[1:4] / mass if phi[0] > tuning.LOAD_LEAST_KG else np.zeros(3)).tolist()
     inertia = 0.4 * mass * tuning.LOAD_RADIUS_M**2
     return Body(mass, (x, y, z), (inertia, 0.0, 0.0, inertia, 0.0, inertia))
-
-
-def _shown(x: Floats) -> Floats:
-    return IdentifiedPayload(body_of(x), np.zeros(10), 0.0, np.zeros((10, 10))).numbers

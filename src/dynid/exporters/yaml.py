@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from dynid.estimation.identified import body_facts
 from dynid.exporters.interface import RESIDUAL, Format, IdentifiedArm
-from dynid.files.robotkeys import INERTIA
 from dynid.robot import LINK_PARAMETERS
 from dynid.text import yaml_text
 
@@ -24,14 +24,11 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
     for i, (joint, body) in enumerate(zip(robot.joints, full.bodies, strict=True), start=1):
         names = [f"{name}{i}" for name in LINK_PARAMETERS]
         of_links.update(names)
-        tensor = zip(INERTIA, map(float, body.inertia_com), strict=True)
         links.append(
             {
                 "joint": joint.name,
                 "dh": {key: getattr(joint, key) for key in DH},
-                "mass_kg": body.mass,
-                "com_m": [float(value) for value in body.com],
-                "inertia_com_kg_m2": dict(tensor),
+                **body_facts(body.numbers),
                 "rotor_inertia": known.get(f"Im{i}", 0.0),
                 "parameters": {name: known.get(name, 0.0) for name in names},
                 "origin": {name: full.origin.get(name, "prior") for name in names},

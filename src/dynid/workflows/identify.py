@@ -417,7 +417,7 @@ def _answer(
         facts["findings"] = [*facts["findings"], *map(asdict, payload.findings())]
         names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
         units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
-        columns = names, payload.numbers, *payload.intervals.T, units
+        columns = names, payload.body.numbers, *payload.intervals.T, units
         heads = ("load", "value", "2.5 %", "97.5 %", "unit")
         rows = [dict(zip(heads, row, strict=True)) for row in zip(*columns, strict=True)]
         title = "load on the last link, in its frame (inertia about the centre of mass)"
