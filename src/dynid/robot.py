@@ -24,6 +24,9 @@ from dynid.errors import Finding, JointCountDiffers, WrongUsage
 from dynid.table import Table
 from dynid.units import ANGULAR, FACTORS
 
+#: Units of a log whose robot file says none.
+USUAL_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+
 #: The model grows with the square of its joints; arms have up to ten.
 MOST_JOINTS = 32
 
@@ -204,9 +207,7 @@ class DriverSpec:
     topic: str | None
     joint_names: tuple[str, ...]
     map: JointMap
-    units: dict[str, str] = field(
-        default_factory=lambda: {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
-    )
+    units: dict[str, str] = field(default_factory=USUAL_UNITS.copy)
     columns: dict[str, str] = field(default_factory=dict)
 
 

@@ -19,6 +19,7 @@ from dynid.files.yamlfile import Reader, Value
 from dynid.options import number_or_nan
 from dynid.robot import (
     FRICTION_PARAMETERS,
+    USUAL_UNITS,
     Body,
     Coulomb,
     Coupling,
@@ -68,29 +69,28 @@ def several(read: Reader, count: int | None = None) -> Reader:
     return lambda value: tuple(map(read, value.items(count)))
 
 
+def checked(read: Reader, good: Callable[[Any], Any], wrong: str, fix: str = "") -> Reader:
+    """Return what refuses values that are not good; ``wrong`` says what they are."""
+
+    def refusing(value: Value) -> Any:  # noqa: ANN401
+        found = read(value)
+        if not good(found):
+            raise value.wrong(wrong.format(found), fix)
+        return found
+
+    return refusing
+
+
 def positive(read: Reader, fix: str = "") -> Reader:
     """Return what refuses zero and below."""
-
-    def checked(value: Value) -> float:
-        number: float = read(value)
-        if number < LEAST:
-            least = f", at least {LEAST:g}" if number > 0 else ""
-            raise value.wrong(f" = {number:g} must be positive{least}", fix)
-        return number
-
-    return checked
+    return checked(
+        read, lambda found: found >= LEAST, f" = {{:g}} must be positive, at least {LEAST:g}", fix
+    )
 
 
 def rising(read: Reader, wrong: str) -> Reader:
     """Return what reads two values, of which the first is lower; ``wrong`` says what others are."""
-
-    def checked(value: Value) -> tuple[Any, Any]:
-        low, high = map(read, value.items(2))
-        if not np.all(np.less(low, high)):
-            raise value.wrong(wrong.format(low, high))
-        return low, high
-
-    return checked
+    return checked(several(read, 2), lambda ends: np.all(np.less(*ends)), wrong)
 
 
 def per_joint(read: Reader, *, shared: bool = False) -> Reader:
@@ -178,20 +178,6 @@ def read_joints(value: Value) -> tuple[Joint, ...]:
     return tuple(joints.values())
 
 
-def _mass(value: Value) -> float:
-    mass = value.number()
-    if mass < 0:
-        raise value.wrong(f" = {mass:g} kg is negative")
-    return mass
-
-
-def _sign(value: Value) -> float:
-    sign = value.number()
-    if sign not in (1.0, -1.0):
-        raise value.wrong(f" = {sign:g} must be 1 or -1")
-    return sign
-
-
 def _links(value: Value) -> tuple[int, ...]:
     if not value.is_list and value.text() == "all":
         return ()
@@ -208,14 +194,6 @@ def _share(value: Value) -> float:
     if not 0.0 <= share < 1.0:
         raise value.wrong(f" = {text} must be a share from 0 to below 100 %", "such as 5%")
     return share
-
-
-def _name(value: Value) -> str:
-    """Return a name that a page can show, a file can have and a simulator can hold."""
-    name = value.text()
-    if not (name.isprintable() and 1 <= len(name) <= LONGEST_NAME):
-        raise value.wrong(f" = {name[:20]!r} must be 1 to {LONGEST_NAME} printable characters")
-    return name
 
 
 def _torque(value: Value) -> TorqueSource:
@@ -294,18 +272,26 @@ def _body(value: Value) -> Body:
 
 
 # ---------------------------------------------------------------- the keys
-VECTOR, SIGNS = several(NUMBER, 3), per_joint(_sign)
-MASSES = rising(_mass, ": {:g}, {:g} is not a range of masses")
+VECTOR = several(NUMBER, 3)
+SIGNS = per_joint(checked(NUMBER, lambda sign: sign in (1.0, -1.0), " = {:g} must be 1 or -1"))
+MASS = checked(NUMBER, lambda mass: mass >= 0, " = {:g} kg is negative")
+MASSES = rising(MASS, ": {0[0]:g}, {0[1]:g} is not a range of masses")
+#: A name that a page can show, a file can have and a simulator can hold.
+NAME = checked(
+    TEXT,
+    lambda name: name.isprintable() and 1 <= len(name) <= LONGEST_NAME,
+    f" = {{!r:.22}} must be 1 to {LONGEST_NAME} printable characters",
+)
 RATE = or_null(positive(coordinate))
 
 LIMITS: Keys = {
-    "position": or_null(rising(coordinate, ": lower limit {:g} is not below upper {:g}")),
+    "position": or_null(rising(coordinate, ": lower limit {0[0]:g} is not below upper {0[1]:g}")),
     "velocity": RATE,
     "acceleration": RATE,
     "torque": or_null(positive(NUMBER)),
 }
 JOINT: Keys = {
-    "name": _name,
+    "name": NAME,
     "type": choice("revolute", "prismatic"),
     "a": NUMBER,
     "twist": _dh_angle,
@@ -334,12 +320,10 @@ DRIVER: Keys = {
     "sign": SIGNS,
     "torque_sign": SIGNS,
     "offset": per_joint(coordinate),
-    "units": mapping(
-        UNITS, lambda **given: {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | given
-    ),
+    "units": mapping(UNITS, lambda **given: USUAL_UNITS | given),
     "columns": mapping(COLUMNS, dict),
 }
-BODY: Keys = {"mass": _mass, "com": VECTOR, "inertia_com": _inertia}
+BODY: Keys = {"mass": MASS, "com": VECTOR, "inertia_com": _inertia}
 CYLINDERS: Keys = dict.fromkeys(("density", "radius", "mass"), positive(NUMBER))
 PRIOR: Keys = {
     "cylinders": mapping(CYLINDERS, Cylinders, either=("density", "mass")),
@@ -366,7 +350,7 @@ KNOWN: Keys = {
 A_PRIOR = mapping(PRIOR, Prior, either=("cylinders", "links"))
 #: Why the joints are read separately: all other keys depend on their number and on which of them are revolute.
 ROBOT: Keys = {
-    "name": _name,
+    "name": NAME,
     "convention": choice("standard", "modified"),
     "angle_unit": choice(*ANGLE),
     "gravity": VECTOR,

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 #: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
 #: ones are added, and CAD programs round to them.
 SMALLEST, LARGEST = 1e-30, 1e12
-_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
-_OCTAL = re.compile(r"[-+]?0\d+")
+#: Without zeros in front, which YAML reads as octal.
+_NUMBER = re.compile(r"[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?"
 )
@@ -177,9 +177,12 @@ class Value:
     def number(self, factor: float = 1.0) -> float:
         """Return a finite number, times a factor."""
         raw = self._raw()
-        text = self.node.tag == "tag:yaml.org,2002:str"
-        if text or _OCTAL.fullmatch(raw) or not _NUMBER.fullmatch(raw):
-            raise self.wrong(f" = '{raw}' {_number_advice(raw)}", kind=NotANumber)
+        if self.node.tag == "tag:yaml.org,2002:str" or not _NUMBER.fullmatch(raw):
+            # What is meant, in whatever notation.
+            meant = number_or_nan(raw.replace(",", "."))
+            advice = f"is not read as that number by YAML; write {meant!r}"
+            advice = advice if math.isfinite(meant) else "is not a number"
+            raise self.wrong(f" = '{raw}' {advice}", kind=NotANumber)
         return self._checked(float(raw) * factor)
 
     def integer(self) -> int:
@@ -216,16 +219,6 @@ class Value:
                 why=f"numbers other than 0 must lie between {SMALLEST:g} and {LARGEST:g}",
             )
         return value
-
-
-def _number_advice(raw: str) -> str:
-    """Say what to write for a text that was meant as a number, in whatever notation."""
-    meant = number_or_nan(raw.replace(",", "."))
-    return (
-        f"is not read as that number by YAML; write {meant!r}"
-        if math.isfinite(meant)
-        else "is not a number"
-    )
 
 
 #: What makes a value from its place in a file, or says what is wrong there.
