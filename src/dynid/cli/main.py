@@ -122,11 +122,6 @@ def run(args: Sequence[str]) -> int:
     return int(status or ExitStatus.DONE)
 
 
-def _stop(number: int, frame: object) -> NoReturn:
-    """Unwind the program: files closed, temporary ones removed, children ended."""
-    raise KeyboardInterrupt
-
-
 def _complete() -> None:
     """Answer the shell's request for completions; with nothing where the words so far are wrong."""
     from click.shell_completion import shell_complete
@@ -140,9 +135,9 @@ def _complete() -> None:
 def main() -> NoReturn:
     """Run ``dynid``."""
     failure.prepare_streams()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _stop)
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        # Why: files are closed, temporary ones removed, children ended, as with Ctrl-C.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     # Why: on small matrices threads cost more than they give, and one thread sums in the same order anywhere.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Why: a library's warning about its own code helps nobody here; what matters is raised or is a finding.

@@ -7,8 +7,9 @@ Waypoints are in DH angles; a CSV has one row per waypoint, one column per joint
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,21 +67,18 @@ class Waypoints:
     times: Floats | None = None
 
 
-@dataclass(frozen=True)
-class PlanFile:
-    """A plan file.
+class PlanFile(NamedTuple):
+    """A plan file, besides the options in it.
 
     Attributes:
-        options: values of command line options as text.
         waypoints: points to go through; None to search for an exciting motion.
         obstacles: boxes that no link may touch, least and greatest corner [m].
         workspace: box that the tool stays in; None without one.
     """
 
-    options: dict[str, str] = field(default_factory=dict)
-    waypoints: Waypoints | None = None
-    obstacles: tuple[Corners, ...] = ()
-    workspace: Corners | None = None
+    waypoints: Waypoints | None
+    obstacles: tuple[Corners, ...]
+    workspace: Corners | None
 
 
 def _corners(value: Value) -> Corners:
@@ -111,13 +109,7 @@ def read_plan(path: Path, robot: Robot) -> PlanFile:
             keys["times"].items(len(q))
         times = np.array(given["times"]) if "times" in given else None
         waypoints = _checked(Waypoints(q, times), path)
-    options = {name: given[name] for name in OPTIONS if given.get(name) is not None}
-    return PlanFile(
-        options=options,
-        waypoints=waypoints,
-        obstacles=given.get("obstacles", ()),
-        workspace=given.get("workspace"),
-    )
+    return PlanFile(waypoints, given.get("obstacles", ()), given.get("workspace"))
 
 
 def read_waypoints(path: Path, robot: Robot) -> Waypoints:

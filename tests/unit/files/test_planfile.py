@@ -18,7 +18,7 @@ def given(path, text):
     return path
 
 
-def test_plan_gives_options_waypoints_and_boxes(tmp_path):
+def test_plan_gives_waypoints_and_boxes(tmp_path):
     text = f"""
 alpha: 0.5
 margin: 5%
@@ -29,7 +29,6 @@ obstacles: [{{lower: [0.5, 0.2, 0], upper: [0.3, 0.4, 1]}}]
 workspace: {{lower: [-1, -1, 0], upper: [1, 1, 2]}}
 """
     plan = read_plan(given(tmp_path / "p.yaml", text), ROBOT)
-    assert plan.options == {"alpha": "0.5", "margin": "5%"}
     assert np.allclose(plan.waypoints.q[0], np.radians([0, 10, 20, 30, 40, 50, 60]))
     assert np.array_equal(plan.waypoints.times, [0, 4])
     assert plan.obstacles == (((0.3, 0.2, 0.0), (0.5, 0.4, 1.0)),)
