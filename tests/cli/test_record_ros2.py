@@ -19,28 +19,25 @@ ROBOT = load_robot("ur5e")
 T = np.linspace(0, 12, 1201)
 MOTION = Motion(T, *tones(T, np.full((1, 6), 0.5), np.array([[1.1, 1.7, 2.3, 2.9, 3.1, 3.7]])))
 START = 1_760_000_000
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 
 
-def as_message(kind, value):
-    """Return a mapping as a message of ROS 2; a key that the message lacks, or one of another type, fails."""
-    fields = dict(HUMBLE.fielddefs[kind][1])
-    assert set(value) <= set(fields), kind
-    made = {}
-    for name, (form, what) in fields.items():
-        given = value[name]
-        if form.name == "NAME":
-            made[name] = as_message(what, given)
-        elif form.name == "SEQUENCE":
-            inner = what[0]
-            if inner[0].name == "NAME":
-                made[name] = [as_message(inner[1], each) for each in given]
-            else:
-                made[name] = (
-                    np.array(given, dtype=float) if inner[1][0] == "float64" else list(given)
-                )
-        else:
-            made[name] = given
-    return HUMBLE.types[kind](**made)
+def as_message(found):
+    """Return what a file holds as a message of ROS 2; a key that it lacks, or does not know, fails."""
+    types = HUMBLE.types
+    header, duration = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Duration"]
+    time, point = (
+        types["builtin_interfaces/msg/Time"],
+        types["trajectory_msgs/msg/JointTrajectoryPoint"],
+    )
+    points = []
+    for given in found.pop("points"):
+        after = duration(**given.pop("time_from_start"))
+        arrays = {key: np.array(values, float) for key, values in given.items()}
+        points.append(point(**arrays, time_from_start=after))
+    head = found.pop("header")
+    head = header(**head | {"stamp": time(**head["stamp"])})
+    return types[TRAJECTORY](**found, header=head, points=points)
 
 
 @pytest.mark.parametrize("goal", [False, True])
@@ -48,15 +45,12 @@ def test_a_plan_is_a_joint_trajectory_of_ros_2(goal, tmp_path):
     write_joint_trajectory(tmp_path / "t.yaml", ROBOT, MOTION, ros=2, goal=goal)
     found = yaml.load((tmp_path / "t.yaml").read_text(), Loader=yaml.CSafeLoader)
     if goal:
-        assert list(found) == ["trajectory"]
-        found = found["trajectory"]
-    kind = "trajectory_msgs/msg/JointTrajectory"
-    message = HUMBLE.deserialize_cdr(HUMBLE.serialize_cdr(as_message(kind, found), kind), kind)
+        (found,) = found.values()
+    written = HUMBLE.serialize_cdr(as_message(found), TRAJECTORY)
+    message = HUMBLE.deserialize_cdr(written, TRAJECTORY)
     assert message.joint_names == list(ROBOT.log_names)
-    times = [
-        point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in message.points
-    ]
-    assert np.allclose(times, T, atol=1e-9)
+    times = [point.time_from_start for point in message.points]
+    assert np.allclose([time.sec + 1e-9 * time.nanosec for time in times], T, atol=1e-9)
     assert np.allclose([point.positions for point in message.points], MOTION.q, atol=1e-8)
 
 
