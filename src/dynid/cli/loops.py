@@ -265,7 +265,7 @@ def identify_command(
 
 
 # ---------------------------------------------------------------- --fail-if
-LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")
+LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+]?\d*\.?\d+(?:e[-+]?\d+)?)\s*")
 SIGNS = {"<": lt, ">": gt, "<=": le, ">=": ge}
 #: Figures that --fail-if may name.
 FIGURES = (
@@ -282,17 +282,15 @@ FIGURES = (
 
 def parsed_limit(text: str) -> Limit:
     """Read a limit such as ``max_rms_nm > 1.5``."""
-    match = LIMIT.fullmatch(text)
-    try:
-        name, sign, limit = match.groups() if match else ("", "", "")
-        number = float(limit)
-    except ValueError:
+    match = LIMIT.fullmatch(text.lower())
+    if match is None:
         fix = "such as --fail-if 'max_rms_nm > 1.5'"
-        raise WrongUsage(f"--fail-if '{text}' is not NAME > NUMBER", fix=fix) from None
+        raise WrongUsage(f"--fail-if '{text}' is not NAME > NUMBER", fix=fix)
+    name, sign, number = match.groups()
     if name not in FIGURES:
         what = f"--fail-if: no figure '{name}'{closest(name, FIGURES)}"
         raise WrongUsage(what, fix=f"one of {', '.join(FIGURES)}")
-    return name, sign, number
+    return name, sign, float(number)
 
 
 def broken_limits(facts: Mapping[str, Any], limits: Sequence[Limit]) -> list[str]:

@@ -6,18 +6,16 @@ a pipe, so ``yes |`` answers nothing and a silent pipe blocks nothing.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import select
 import sys
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dynid.cli.failure import is_terminal
-from dynid.cli.session import Session, plain
-from dynid.disk import sha256, write_text
+from dynid.cli.session import Session
+from dynid.disk import write_text
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
 from dynid.text import shell, visible
 
@@ -182,17 +180,6 @@ def key_pressed(session: Session) -> bool:
 
 
 # ---------------------------------------------------------------- P6: overwriting
-def input_hashes(
-    files: Mapping[str, Path], options: Mapping[str, Any] | None = None
-) -> dict[str, str]:
-    """Return what a result depends on, for its header's ``inputs``: sha256 of files, and of the options as a whole."""
-    hashes = {name: sha256(path) for name, path in files.items()}
-    if options is not None:
-        text = json.dumps(plain(options), sort_keys=True)
-        hashes["options"] = hashlib.sha256(text.encode()).hexdigest()
-    return hashes
-
-
 def may_write(
     session: Session,
     path: Path,
@@ -204,7 +191,7 @@ def may_write(
     Args:
         session: of the command.
         path: the file.
-        inputs: ``input_hashes`` of what it would be made from; None for a file that does not say it.
+        inputs: what it would be made from, by name; None for a file that does not say it.
         other: how it is written somewhere else.
 
     Raises:

@@ -12,8 +12,9 @@ import dynid
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.options import INPUT, dynid_command, options_from, robot_argument
-from dynid.cli.prompt import Reply, ask, confirm, input_hashes, key_pressed, may_write
+from dynid.cli.prompt import Reply, ask, confirm, key_pressed, may_write
 from dynid.cli.session import Session
+from dynid.disk import sha256
 from dynid.drivers.ros import raise_priority
 from dynid.errors import WrongUsage
 from dynid.files.trajectoryfile import read_trajectory
@@ -131,7 +132,7 @@ def command(
     steps = [Step("", f"dynid identify {robot.word} {shell(bag)}")]
     made = []
     if ask(session, "P4", given=convert) is Reply.YES:
-        header = session.header(input_hashes({"log": bag}))
+        header = session.header({"log": sha256(bag)})
         made = [workflows.record.convert(done, header)]
     else:
         check = f"dynid check {shell(bag)} --robot {robot.word} --convert"

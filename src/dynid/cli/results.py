@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -16,9 +16,9 @@ import dynid
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.options import FILE, INPUT, PATH, dynid_command, options_from
-from dynid.cli.prompt import input_hashes, may_write, write_once
+from dynid.cli.prompt import may_write, write_once
 from dynid.cli.session import Session
-from dynid.disk import write_text
+from dynid.disk import sha256, write_text
 from dynid.errors import WrongUsage
 from dynid.judgement.rules import Step
 from dynid.options import LogOptions
@@ -200,18 +200,17 @@ def check_command(
     """Look for mistakes in robot files, logs and results."""
     arm = dynid.load_robot(robot) if robot else None
     checks = workflows.files.check(paths, arm, options)
-    chosen = {**asdict(options), "convert": convert, "fix": fix}
-    wrote = [written(session, each, chosen) if convert or fix else [] for each in checks]
+    wrote = [written(session, each, options, fix) if convert or fix else [] for each in checks]
     return workflows.files.checks_answer(checks, wrote, strict=strict)
 
 
-def written(session: Session, checked: Checked, chosen: dict[str, object]) -> list[Path]:
-    """Write log.npz of a log where that is not done yet."""
-    log = checked.log if chosen["fix"] else checked.raw
+def written(session: Session, checked: Checked, options: LogOptions, fix: bool) -> list[Path]:
+    """Write log.npz of a log, with its repairs or as it was recorded, where that is not done yet."""
+    log = checked.log if fix else checked.raw
     if log is None or checked.robot is None:
         return []
     target = session.folder(checked.robot.slug) / "log.npz"
-    inputs = input_hashes({"log": Path(checked.path)}, chosen)
+    inputs = {"log": sha256(Path(checked.path)), **options.texts(), "fix": str(fix)}
     if not may_write(session, target, inputs):
         return []
     return [log.save(target, session.header(inputs))]

@@ -12,8 +12,9 @@ import click
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.options import TIP, dynid_command, load_robot, options_from, robot_argument
-from dynid.cli.prompt import input_hashes, may_write
+from dynid.cli.prompt import may_write
 from dynid.cli.session import Session
+from dynid.disk import sha256
 from dynid.drivers.ros import raise_priority
 from dynid.judgement.rules import Step
 from dynid.sim.options import SimDriverOptions
@@ -66,7 +67,7 @@ def simulate_command(
         return compared(session, Path(robot), source, compare)
     arm = load_robot(session, robot, tip)
     target = session.folder(arm.slug) / "simulated.npz"
-    inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
+    inputs = {"robot": arm.model_key, "motion": sha256(source), **options.texts()}
     simulation = workflows.simulate.simulate(arm, source, options)
     wrote = []
     if may_write(session, target, inputs):
