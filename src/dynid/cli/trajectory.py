@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,6 @@ from dynid.cli.prompt import Reply, ask, can_ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay
 from dynid.files.yamlfile import read_yaml
-from dynid.judgement.rules import Step
 from dynid.trajectory.options import PlanOptions
 
 if TYPE_CHECKING:
@@ -45,6 +43,10 @@ class View(NamedTuple):
     drawing: Drawing
     window: bool
     accept: bool
+
+    def mark(self, motion: SafeMotion) -> bool:
+        """Return whether there was something of a motion to see."""
+        return bool(motion.clearance.pictures) or self.window
 
 
 def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) -> Path | None:
@@ -149,11 +151,13 @@ def command(
         session.show(planned.answer())
         reply = asked(session, planned, look)
         if reply is Reply.QUIT:
-            remove(planned.clearance.pictures)
+            for picture in planned.clearance.pictures:
+                picture.unlink(missing_ok=True)
             raise Declined("the motion was not accepted", why="nothing was written")
         if reply is Reply.YES or not can_ask(session) or session.yes:
             inputs = work.plan_inputs(robot, options, files)
-            return saved(session, path, planned, inputs, look if reply is Reply.YES else None)
+            seen = look.mark(planned) if reply is Reply.YES else None
+            return saved(session, path, planned, inputs, seen)
         alpha = click.prompt("alpha", default=options.alpha, type=ALPHA, err=True)
         seed = click.prompt("seed", default=options.seed + 1, err=True)
         options = replace(options, alpha=alpha, seed=seed)
@@ -161,25 +165,20 @@ def command(
 
 
 def saved(
-    session: Session, path: Path, planned: Plan, inputs: dict[str, str], look: View | None
+    session: Session, path: Path, planned: Plan, inputs: dict[str, str], seen: bool | None
 ) -> Answer:
-    """Write a plan, marked as accepted where a look is given."""
+    """Write a plan, with the mark of who has seen it; None where nobody accepted it."""
     pictures = planned.clearance.pictures
-    seen = None if look is None else bool(pictures) or look.window
-    if seen is not None:
-        planned = planned.accepted(seen=seen)
     # Why: pictures of another motion beside this one would be taken for pictures of it.
-    remove({path.parent / name for name in PICTURES} - {*pictures})
-    wrote = planned.save(path, inputs)
+    for old in {path.parent / name for name in PICTURES} - {*pictures}:
+        old.unlink(missing_ok=True)
+    marked = planned if seen is None else planned.accepted(seen=seen)
+    wrote = marked.save(path, inputs)
     session.wrote(path, note=f"reviewed: {MARKS[seen]}")
     session.wrote(*wrote[1:])
-    step = workflows.trajectory.next_step(planned.robot, path, reviewed=look is not None)
-    if any(finding.code == "W606" for finding in planned.findings):
-        # Why: dynid record would refuse it.
-        limits = f"write `limits:` of every joint into {planned.robot.editable}"
-        step = Step("", f"{limits}, then plan with that file")
-    facts = {"wrote": [*wrote, *pictures], "reviewed": look is not None}
-    return Answer(planned.facts() | facts, next=[step])
+    step = workflows.trajectory.next_step(planned.robot, path, reviewed=seen is not None)
+    facts = {"wrote": [*wrote, *pictures], "reviewed": seen is not None}
+    return Answer(marked.facts() | facts, next=[step])
 
 
 def reviewed(
@@ -196,18 +195,12 @@ def reviewed(
     for picture in pictures:
         session.stage("preview", str(picture))
     if asked(session, motion, look) is Reply.YES:
-        seen = bool(pictures) or look.window
+        seen = look.mark(motion)
         motion.accept(seen=seen)
         session.wrote(path, note=f"reviewed: {MARKS[seen]}")
         wrote = [path]
     answer = work.stored_answer(robot, path)
     return replace(answer, sentence="", facts={**answer.facts, "wrote": [*wrote, *pictures]})
-
-
-def remove(pictures: Iterable[Path]) -> None:
-    """Remove pictures of a motion that is not there any more."""
-    for picture in pictures:
-        picture.unlink(missing_ok=True)
 
 
 def asked(session: Session, motion: SafeMotion, look: View) -> Reply:
