@@ -12,9 +12,8 @@ import yaml
 
 import twolink
 from dynid.npz import write_artifact
-from makelogs import kinova, state_messages, write_bag
+from makelogs import state_messages, write_bag
 from motions import pose_to_pose
-from runner import rows
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / "trajectories/lwr4plus_validate.bag"
@@ -69,19 +68,21 @@ MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text())
 
 
 @pytest.mark.parametrize("row", MISTAKES, ids=lambda row: row["code"])
-def test_a_mistake_gives_its_code_its_status_and_advice_that_works(arm, row):
+def test_a_mistake_gives_its_code_and_advice_that_works_and_a_warning_lets_the_work_go_on(arm, row):
     file, line, fix = arm.folder / "arm.yaml", row.get("line", CHECK), row.get("fix", "")
     file.write_text(file.read_text().replace(*row.get("robot", ("", "")), 1))
     if "log" in row:
         twolink.write_log(arm.folder / "log.csv", 1, SPOILT[row["log"]])
     words, edit = (fix, ("", "")) if isinstance(fix, str) else ("", fix)
-    says, advice = row["says"], row.get("advice", words)
-    refused(arm(line), row["code"], row.get("status", 3), says, advice)
+    run, code, says, advice = arm(line), row["code"], row["says"], row.get("advice", words)
+    if code.startswith("E"):
+        refused(run, code, row.get("status", 3), says, advice)
+    else:
+        assert re.search(rf"warning\[{code}\] {says}", run.good.err), run.err
+        assert arm(f"{line} --strict").status == 1
     file.write_text(file.read_text().replace(*edit, 1))
     if fix:
-        again = arm(f"{line} {words}")
-        assert f"error[{row['code']}]" not in again.err
-        assert again.status == 0, again.err
+        assert f"[{code}]" not in arm(f"{line} {words}").good.err
 
 
 def refused(run, code, status=3, says=".", advice=""):
@@ -95,33 +96,6 @@ def refused(run, code, status=3, says=".", advice=""):
 
 
 # ---------------------------------------------------------------- warnings: said, and the work goes on
-@pytest.mark.parametrize(
-    ("code", "spoils", "says"),
-    rows(
-        """
-        W312 | a gap   | log.csv: 1 gap, longest 310 ms at 5.99 s: cut there, not bridged
-        W319 | clipped | shoulder torque sits at 12 Nm .*clipped samples are left out
-        """
-    ),
-)
-def test_a_warning_is_said_and_the_log_is_used(arm, code, spoils, says):
-    twolink.write_log(arm.folder / "log.csv", 1, SPOILT[spoils])
-    run = arm(CHECK)
-    assert run.status == 0
-    assert re.search(rf"warning\[{code}\] {says}", run.err), run.err
-    assert arm(f"{CHECK} --strict").status == 1
-
-
-def test_gravity_that_points_up_is_a_warning_when_the_mount_is_not_said(arm):
-    file = arm.folder / "arm.yaml"
-    file.write_text(file.read_text().replace("[0, -9.81, 0]", "[0, 0, 9.81]"))
-    run = arm("check arm.yaml")
-    assert run.status == 0
-    assert "warning[W206]" in run.err
-    file.write_text(file.read_text() + "mount: ceiling\n")
-    assert "W206" not in arm("check arm.yaml").err
-
-
 def believed(arm, *bodies):
     """Write links to the robot file instead of its prior."""
     file = arm.folder / "arm.yaml"
@@ -154,16 +128,6 @@ def test_a_topic_that_is_not_there_lists_those_that_are(dynid):
     refused(dynid(f"check {BAG} --robot kinova_gen2"), "E303", 3, "/lwr/joint_states", "--topic")
 
 
-def test_a_topic_of_another_kind_names_its_type(dynid):
-    stamps = [1_460_000_000 * 10**9 + i * 10**7 for i in range(50)]
-    messages = [
-        ("/arm/joint_angles", ns, kinova("kinova_msgs/msg/JointAngles", [0.0] * 7)) for ns in stamps
-    ]
-    write_bag(dynid.folder / "log.bag", messages)
-    run = dynid("check log.bag --robot kinova_gen2 --topic /arm/joint_angles")
-    refused(run, "E304", 3, "kinova_msgs/(msg/)?JointAngles", "joint state")
-
-
 @pytest.mark.parametrize(
     ("name", "content", "code"),
     [
@@ -176,14 +140,6 @@ def test_a_topic_of_another_kind_names_its_type(dynid):
 def test_a_file_of_which_nothing_can_be_read_is_refused(arm, name, content, code):
     (arm.folder / name).write_bytes(content)
     refused(arm(f"check {name} --robot arm.yaml"), code)
-
-
-def test_a_bag_that_ends_early_is_read_as_far_as_it_goes(dynid):
-    content = BAG.read_bytes()
-    (dynid.folder / "log.bag").write_bytes(content[: int(0.9 * len(content))])
-    run = dynid("check log.bag --robot kuka_lwr4plus")
-    assert run.status == 0, run.err
-    assert "warning[W305]" in run.err
 
 
 def test_a_log_of_fewer_joints_than_the_robot_is_counted(dynid):

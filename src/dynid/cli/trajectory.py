@@ -155,9 +155,8 @@ def command(
                 picture.unlink(missing_ok=True)
             raise Declined("the motion was not accepted", why="nothing was written")
         if reply is Reply.YES or not can_ask(session) or session.yes:
-            inputs = work.plan_inputs(robot, options, files)
             seen = look.mark(planned) if reply is Reply.YES else None
-            return saved(session, path, planned, inputs, seen)
+            return saved(session, path, planned, work.plan_inputs(robot, options, files), seen)
         alpha = click.prompt("alpha", default=options.alpha, type=ALPHA, err=True)
         seed = click.prompt("seed", default=options.seed + 1, err=True)
         options = replace(options, alpha=alpha, seed=seed)
