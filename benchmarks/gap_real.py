@@ -107,7 +107,7 @@ class Kept:
 
     def look(self, log):
         """Return what is said of a log beside the kept model."""
-        return look([log], self.base, kept_model(self.found), [self.source]).verdict
+        return look([log], self.base, kept_model(self.found), [self.source])
 
     def gravity(self, q):
         rest, observer = np.zeros_like(q), self.base.observer
@@ -167,9 +167,9 @@ class Kept:
     def one(self, name, joint, sign):
         """Return what is said of the recording with something in it."""
         altered, size = self.inject(name, joint, sign)
-        verdict = self.look(altered)
+        seen = self.look(altered)
         place = [] if name in WHOLE_ARM else [joint]
-        named = [[f.name, list(f.joints)] for f in verdict.named]
+        named = [[f.name, list(f.joints)] for f in seen.named]
         before = [[f.name, list(f.joints)] for f in self.bare.named]
         return {
             "effect": name,
@@ -177,15 +177,15 @@ class Kept:
             "size": size,
             "named": named,
             "found": [name, place] in named,
-            "among": any((name, tuple(place)) in f.rivals for f in verdict.named),
+            "among": any((name, tuple(place)) in f.rivals for f in seen.named),
             "others": [n for n in named if n != [name, place] and n not in before],
-            "word": verdict.word,
+            "word": seen.verdict,
         }
 
 
 def look(logs, base, kept=None, earlier=()):
     sources, options = [source_of(log, base) for log in logs], SelectionOptions()
-    return analyse_gap(sources, base, kept, options, possible=True, simulate=False, earlier=earlier)
+    return analyse_gap(sources, base, kept, options, possible=True, earlier=earlier)
 
 
 def unchanged(data, draws, seed):
@@ -196,7 +196,7 @@ def unchanged(data, draws, seed):
         kept = Kept(file, *pair, data)
         named = ", ".join(f"{f.name} {places(f.joints)}" for f in kept.bare.named) or "-"
         differ = [j + 1 for j in kept.bare.remainder] or "-"
-        print(arm, *pair, kept.bare.word, named, differ, flush=True)
+        print(arm, *pair, kept.bare.verdict, named, differ, flush=True)
 
 
 def drawn_pair(logs, rng):
@@ -217,14 +217,14 @@ def as_they_are(data):
         robot = load_robot(file)
         seen = look([read(data / log, robot) for log in logs.split()[:2]], base_of(robot))
         ratio = seen.improvement.after / np.maximum(seen.improvement.before, 1e-12)
-        said = [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]
+        said = [*((f, "named") for f in seen.named), *seen.closest]
         for f, why in said:
             after, interval = ratio[f.joint], seen.improvement.ratio[f.joint]
             ends = " to ".join(f"{100 * (end - 1):+.0f}" for end in interval)
             change = f"{100 * (after - 1):+.0f} % ({ends})"
-            lines.append([title, seen.verdict.word, f.name, places(f.joints), change, why])
+            lines.append([title, seen.verdict, f.name, places(f.joints), change, why])
         if not said:
-            lines.append([title, seen.verdict.word, "-", "-", "-", "-"])
+            lines.append([title, seen.verdict, "-", "-", "-", "-"])
     return lines
 
 

@@ -22,7 +22,7 @@ from dynid.text import shell
 from dynid.workflows.options import GapOptions
 
 if TYPE_CHECKING:
-    from dynid.gap.record import GapEffect
+    from dynid.judgement.gap import GapEffect
     from dynid.workflows.gap import Gap
 
 

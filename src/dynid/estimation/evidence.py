@@ -13,8 +13,10 @@ from pathlib import Path
 from dynid.estimation.identified import SAME_MOTION, Identified
 from dynid.estimation.least_squares import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED, relative_error
 from dynid.files import typed
-from dynid.files.artifact import read_artifact, read_header, reading, unpacked
-from dynid.judgement.evidence import Evidence, GapEvidence, JointEvidence, Unseen
+from dynid.files.artifact import read_header, reading
+from dynid.files.gapfile import read_record
+from dynid.judgement.evidence import Evidence, JointEvidence, Unseen
+from dynid.judgement.gap import GapRecord
 from dynid.runs import RunFolder
 
 #: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
@@ -127,18 +129,14 @@ def _replay(path: Path, result: Identified) -> Unseen | None:
         return replace(seen, name=Path(log).name, rms=tuple(seen.rms), log=log)
 
 
-def _gap(path: Path, result: Identified) -> GapEvidence | None:
+def _gap(path: Path, result: Identified) -> GapRecord | None:
     """Return what a search found; None where it asked about other parameters."""
-    header = read_header(path)
-    if dict(header.get("record") or {}).get("of") != fingerprint(result):
+    if dict(read_header(path).get("record") or {}).get("of") != fingerprint(result):
         return None
-    artifact = read_artifact(path)
-    with reading(path):
-        gap: GapEvidence = unpacked(GapEvidence, header["evidence"], artifact.arrays)
-        return with_paths(gap, partial(found_path, result))
+    return with_paths(read_record(path), partial(found_path, result))
 
 
-def with_paths(gap: GapEvidence, path_of: Callable[[str], str] = here) -> GapEvidence:
-    """Return the evidence of a search with the paths that its recordings have now."""
-    events = tuple(replace(event, log=path_of(event.log)) for event in gap.events)
-    return replace(gap, events=events, logs=tuple(path_of(log) for log in gap.logs))
+def with_paths(record: GapRecord, path_of: Callable[[str], str] = here) -> GapRecord:
+    """Return what a search found with the paths that its recordings have now."""
+    events = tuple(replace(event, log=path_of(event.log)) for event in record.events)
+    return replace(record, events=events, logs=tuple(map(path_of, filter(None, record.logs))))

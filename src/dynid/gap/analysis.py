@@ -14,18 +14,12 @@ from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import COUNTERBALANCE, counterbalances
 from dynid.gap.delays import EffectSearch, search_effects
-from dynid.gap.forward_simulation import simulate_held_out
-from dynid.gap.held_out import (
-    HeldOutImprovement,
-    fitted_with,
-    held_out,
-    held_out_improvement,
-    rms_of,
-)
-from dynid.gap.localisation import JointGap, localise_residual
-from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem
-from dynid.gap.selected_effects import SelectedEffect, with_columns
-from dynid.gap.verdict import GapVerdict, judge, refusal
+from dynid.gap.held_out import held_out, held_out_improvement, rms_of
+from dynid.gap.localisation import localise_residual
+from dynid.gap.problem import KeptModel, judged_by_possible
+from dynid.gap.selected_effects import SelectedEffect
+from dynid.gap.verdict import advice_of, joints_with_more, refusal, verdict_of
+from dynid.judgement.gap import HeldOutImprovement, JointGap
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS
 from dynid.signals.conditioned_log import ConditionedLog
@@ -41,23 +35,27 @@ class GapAnalysis:
     """What a search found, and what proves it.
 
     Attributes:
-        logs: the conditioned logs, on one clock.
-        problem: what was searched, before anything was found.
         search: the search, with what is named alone.
         joints: the disagreement of each joint before.
         improvement: the held-out torque gap before and after what is named.
-        simulation: position error of the forward simulation before and after it, (n,) each [rad or m]; None where it
-            cannot be run.
-        verdict: the verdict.
+        verdict: ``named``, ``nothing_missing``, ``nothing_changed``, ``unexplained`` or ``ambiguous``.
+        closest: effects that explain part of the gap, with the reason why they are no name.
+        remainder: joints with more left than noise.
+        advice: what to do next.
     """
 
-    logs: tuple[ConditionedLog, ...]
-    problem: GapProblem
     search: EffectSearch
     joints: tuple[JointGap, ...]
     improvement: HeldOutImprovement
-    simulation: tuple[Floats, Floats] | None
-    verdict: GapVerdict
+    verdict: str
+    closest: tuple[tuple[SelectedEffect, str], ...]
+    remainder: tuple[int, ...]
+    advice: str
+
+    @property
+    def named(self) -> tuple[SelectedEffect, ...]:
+        """Effects that are named."""
+        return tuple(self.search.selected)
 
     @property
     def invisible(self) -> dict[str, list[int]]:
@@ -76,7 +74,6 @@ def analyse_gap(
     kept: KeptModel | None,
     options: SelectionOptions,
     *,
-    simulate: bool = True,
     earlier: Sequence[ConditionedLog] = (),
     possible: bool = False,
 ) -> GapAnalysis:
@@ -87,61 +84,34 @@ def analyse_gap(
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
-        simulate: whether the forward simulation is run too.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
         possible: whether the physically possible set is in force, and judges what is named.
     """
-    logs = on_one_clock(logs)
-    earlier = on_one_clock(earlier) if earlier else ()
-    problem = make_problem(logs, base, kept, earlier)
-    search = search_effects(logs, base, kept, options, first=problem, earlier=earlier)
+    before = on_one_clock(earlier) if earlier else ()
+    search = search_effects(on_one_clock(logs), base, kept, options, before)
     if possible and kept is None:
         search = replace(search, problem=judged_by_possible(search.problem))
-    return _proved(tuple(logs), problem, search, options, simulate=simulate)
+    return _proved(search)
 
 
 @solvable()
-def with_counterbalances(
-    analysis: GapAnalysis,
-    options: SelectionOptions,
-    joints: Sequence[int],
-    *,
-    simulate: bool = True,
-) -> GapAnalysis:
+def with_counterbalances(analysis: GapAnalysis, joints: Sequence[int]) -> GapAnalysis:
     """Return an analysis of what no numbers absorb with what only implausible links would absorb too.
 
     Args:
         analysis: the analysis.
-        options: what is searched.
         joints: on which a counterbalance may be.
-        simulate: whether the forward simulation is run too.
     """
-    if options.effects and COUNTERBALANCE not in options.effects:
-        return analysis
     search = analysis.search
+    if search.options.effects and COUNTERBALANCE not in search.options.effects:
+        return analysis
     selected = counterbalances(search.problem, search.selected, joints)
-    search = replace(search, problem=judged_by_possible(search.problem), selected=selected)
-    return _proved(analysis.logs, analysis.problem, search, options, simulate=simulate)
+    return _proved(replace(search, problem=judged_by_possible(search.problem), selected=selected))
 
 
-def _proved(
-    logs: tuple[ConditionedLog, ...],
-    first: GapProblem,
-    search: EffectSearch,
-    options: SelectionOptions,
-    *,
-    simulate: bool,
-) -> GapAnalysis:
-    """Return the analysis of a search: what is refused goes, the least likely first, and the rest is proved again.
-
-    Args:
-        logs: the conditioned logs.
-        first: what was searched, before anything was found.
-        search: the search.
-        options: what was searched.
-        simulate: whether the forward simulation is run too.
-    """
-    problem, effects = search.problem, list(search.selected)
+def _proved(search: EffectSearch) -> GapAnalysis:
+    """Return the analysis of a search: what is refused goes, the least likely first, and the rest is proved again."""
+    problem, first, effects = search.problem, search.first, list(search.selected)
     refused: list[tuple[SelectedEffect, str]] = []
     # Why not of the same motion: what always was cancels there.
     on_another_motion = problem.rows.compared and not problem.same_motion
@@ -161,36 +131,26 @@ def _proved(
         for one in effects:
             without = left_by([other for other in effects if other is not one])
             falls = (power(without) - power(after)) / max(one.visible**2, 1e-12)
-            if why := refusal(search, one, options.sure, changed, falls):
+            if why := refusal(search, one, changed, falls):
                 failing.append((one, why))
         if not failing:
             break
         refused.append(min(failing, key=lambda pair: pair[0].log_odds))
         effects.remove(refused[-1][0])
-    improvement = held_out_improvement(in_time, left_by([]), after, search.errors)
-    search = replace(search, selected=effects)
+    search, closest = replace(search, selected=effects), tuple(refused)
+    remainder = joints_with_more(search)
+    if problem.rows.compared:
+        remainder = still_changed(problem, effects).joints
+    verdict = verdict_of(search, closest, remainder)
     return GapAnalysis(
-        logs,
-        first,
-        search,
-        tuple(localise_residual(replace(first, noise=problem.noise).regression())),
-        improvement,
-        _replays(first, search, effects) if simulate else None,
-        judge(search, effects, refused, problem.base.robot.joint_names),
+        search=search,
+        joints=tuple(localise_residual(replace(first, noise=problem.noise).regression())),
+        improvement=held_out_improvement(in_time, left_by([]), after, search.errors),
+        verdict=verdict,
+        closest=closest,
+        remainder=remainder,
+        advice=advice_of(verdict, search, closest, remainder),
     )
-
-
-def _replays(
-    first: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect]
-) -> tuple[Floats, Floats] | None:
-    """Return the replay of the held-out motion before and after; None where it cannot be run."""
-    problem, shown = search.problem, with_columns(effects)
-    # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
-    rows = first.rows.only(~first.rows.is_new) if first.rows.compared else first.rows
-    kept = replace(first, rows=rows)
-    before = simulate_held_out(first, kept.regression(nuisance=False), [])
-    after = simulate_held_out(problem, fitted_with(problem, shown), shown) if effects else before
-    return None if before is None or after is None else (before, after)
 
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:
@@ -209,11 +169,6 @@ def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:
 # friction may have changed by, and gains that are wrong in both logs alike are not noise, and they are larger.
 #: Parameters of a load that are told at least: its mass and its first moments.
 LEAST_FORM = 4
-
-
-def named_load(analysis: GapAnalysis) -> SelectedEffect | None:
-    """Return the load that is named, None where none is."""
-    return next((one for one in analysis.verdict.named if one.name == "payload"), None)
 
 
 def with_reestimated_payload(
@@ -237,9 +192,5 @@ def with_reestimated_payload(
         std_errors=load.std_errors
         | dict(zip(BODY_PARAMETERS[:form], errors.tolist(), strict=False)),
     )
-
-    verdict = replace(
-        analysis.verdict,
-        named=tuple(new if one is load else one for one in analysis.verdict.named),
-    )
-    return replace(analysis, verdict=verdict)
+    selected = [new if one is load else one for one in analysis.named]
+    return replace(analysis, search=replace(analysis.search, selected=selected))

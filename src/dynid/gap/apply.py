@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from dynid.arrays import Floats
 from dynid.disk import write_text
 from dynid.estimation.stack import Stack, stack_logs, with_settled_effects
 from dynid.files.robotfile import text_of
-from dynid.gap.selected_effects import SelectedEffect
+from dynid.judgement.gap import GapEffect
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.reduce import with_added
@@ -30,18 +28,14 @@ def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
     return BaseModel(model, with_added(base.reduction, model))
 
 
-def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec]:
+def specs_of(effects: Sequence[GapEffect]) -> list[EffectSpec]:
     """Return the robot file's entries, numbers rounded to what their errors leave."""
     return [
         EffectSpec(
-            one.name,
-            tuple(robot.joint_names[j] for j in one.joints or range(robot.n)),
+            one.effect,
+            one.joints,
             {name: float(f"{value:.6g}") for name, value in one.values.items()},
-            {
-                name: float(f"{value:.2g}")
-                for name, value in one.std_errors.items()
-                if np.isfinite(value)
-            },
+            {name: float(f"{error:.2g}") for name, error in one.std_errors.items()},
         )
         for one in effects
     ]

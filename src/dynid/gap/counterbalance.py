@@ -127,29 +127,21 @@ class Suspicion:
         gains: drop of twice the objective after the price of its freedom, for ``MASSES`` of the prior's links over
             those that fit best jointly with it.
         link: number of the link that it changes most.
-        masses: of that link without and with the counterbalance [kg].
-        weight: of the whole arm without it, over the square of its reach [kg/m^2].
-        moved: how far that link's centre of mass lies elsewhere without it [m].
-        length: of that link [m].
-        offsets: torque offsets of the joint without and with it, and its Coulomb friction [N m].
+        instead_of: what the arm would have in its stead, in words; nothing where that is what it has with it.
+        odd: whether no arm is like that, whatever its links weigh.
         sizes: its amplitudes, and their standard errors, (2, 2) [N m].
         chance: of such a gain where there is no counterbalance.
-        instead: the effect that was named on this joint and brings as much, or little more; None for none.
-        beaten: whether that one is clearly worse.
+        rivals: the effect that was named on this joint, where it brings as much.
     """
 
     joint: int
     gains: tuple[float, ...]
     link: int
-    masses: tuple[float, float]
-    weight: float
-    moved: float
-    length: float
-    offsets: tuple[float, float, float]
+    instead_of: str
+    odd: bool
     sizes: Floats
     chance: float
-    instead: Key | None = None
-    beaten: bool = False
+    rivals: tuple[Key, ...] = ()
 
     @property
     def sure(self) -> bool:
@@ -168,27 +160,22 @@ class Suspicion:
         chance = np.exp(-0.5 * (np.log(MASSES) / tuning.MASS_SPREAD) ** 2)
         return float(likely @ chance / chance.sum())
 
-    @property
-    def instead_of(self) -> str:
-        """What the arm would have in its stead; nothing where that is what it has with it."""
-        (without, with_it), (offset, usual, _) = self.masses, self.offsets
-        if self.moved > self.length:
-            return f"a link {self.link} whose centre of mass lies {self.moved:.2g} m from where it lies with it"
-        if self._odd_offset:
-            return f"a torque offset of {offset:.3g} N m instead of {usual:.2g} N m"
-        if without > tuning.ODD_TIMES * with_it:
-            return f"a link {self.link} of {without:.3g} kg instead of {with_it:.3g} kg"
-        return ""
-
-    @property
-    def odd(self) -> bool:
-        """Whether no arm is like that, whatever its links weigh."""
-        return self.moved > self.length or self._odd_offset or self.weight > tuning.HEAVIEST
-
-    @property
-    def _odd_offset(self) -> bool:
-        offset, usual, friction = self.offsets
-        return abs(offset) > tuning.ODD_TIMES * max(abs(usual), friction)
+    def selected(self, joint: int, visible: float) -> SelectedEffect:
+        """Return it as an effect that was found, with the joint that shows it most and its visible size there."""
+        effect = CATALOGUE[COUNTERBALANCE]
+        values, errors = (dict(zip(effect.units, x, strict=True)) for x in self.sizes.tolist())
+        return SelectedEffect(
+            effect=effect,
+            joints=(self.joint,),
+            shape={},
+            joint=joint,
+            visible=visible,
+            log_odds=min(self.gains) / 2 - tuning.COUNTERBALANCE_RARE,
+            p_value=self.chance,
+            values=values,
+            std_errors=errors,
+            probability=self.probability,
+        )
 
 
 def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Suspicion]:
@@ -212,7 +199,7 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
             without, with_it = (Links.beside(regression, base, x) for x in ((), (columns,)))
             own = gains(without, with_it, MASSES[:1])[0]
             suspected += [
-                replace(each, instead=one.key, beaten=each.gains[0] > own + EQUAL)
+                replace(each, rivals=() if each.gains[0] > own + EQUAL else (one.key,))
                 for each in sure
                 if each.gains[0] >= AS_GOOD * own
             ]
@@ -247,22 +234,8 @@ def counterbalances(
         known = every.get(best.joint, best)
         columns = bare.columns_of(effect, (best.joint,), {})
         rms = {j: float(np.sqrt(np.mean((best.sizes[0] @ C) ** 2))) for j, C in columns.items()}
-        values, errors = (dict(zip(effect.units, x, strict=True)) for x in best.sizes.tolist())
-        effects.append(
-            SelectedEffect(
-                effect=effect,
-                joints=(best.joint,),
-                shape={},
-                joint=max(rms, key=lambda j: rms[j]),
-                visible=max(rms.values()),
-                log_odds=min(best.gains) / 2 - tuning.COUNTERBALANCE_RARE,
-                p_value=best.chance,
-                rivals=(known.instead,) if known.instead and not known.beaten else (),
-                values=values,
-                std_errors=errors,
-                probability=best.probability,
-            )
-        )
+        joint = max(rms, key=lambda j: rms[j])
+        effects.append(replace(best.selected(joint, rms[joint]), rivals=known.rivals))
     return effects
 
 
@@ -292,18 +265,29 @@ def _described(without: Links, with_it: Links, joint: int, gain: tuple[float, ..
     k = int(np.argmax(np.abs(masses[0] - masses[1])))
     number = constraints.parameters[constraints.bodies[k, 0]].number
     ends = link_cylinders(arm)[number - 1]
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    moved = float(np.linalg.norm(centres[0][k] - centres[1][k]))
     named = [dict(zip(fit.names, fit.x.tolist(), strict=True)) for fit in fits]
     offset, usual = (each.get(f"fo{joint + 1}", 0.0) for each in named)
+    odd_offset = abs(offset) > tuning.ODD_TIMES * max(abs(usual), named[1].get(f"fc{joint + 1}", 0))
+    heavy, light = float(masses[0][k]), float(masses[1][k])
+    reach = sum(np.hypot(each.a, each.d) for each in arm.joints)
+    instead_of = ""
+    if moved > length:
+        instead_of = (
+            f"a link {number} whose centre of mass lies {moved:.2g} m from where it lies with it"
+        )
+    elif odd_offset:
+        instead_of = f"a torque offset of {offset:.3g} N m instead of {usual:.2g} N m"
+    elif heavy > tuning.ODD_TIMES * light:
+        instead_of = f"a link {number} of {heavy:.3g} kg instead of {light:.3g} kg"
     freedom, price = with_it.freedom(without)
     return Suspicion(
         joint=joint,
         gains=gain,
         link=number,
-        masses=(float(masses[0][k]), float(masses[1][k])),
-        weight=float(masses[0].sum() / sum(np.hypot(each.a, each.d) for each in arm.joints) ** 2),
-        moved=float(np.linalg.norm(centres[0][k] - centres[1][k])),
-        length=float(np.linalg.norm(ends[1] - ends[0])),
-        offsets=(offset, usual, named[1].get(f"fc{joint + 1}", 0.0)),
+        instead_of=instead_of,
+        odd=bool(moved > length or odd_offset or masses[0].sum() > tuning.HEAVIEST * reach**2),
         sizes=np.array(with_it.fit()[1:])[:, -freedom:],
         chance=float(chdtrc(freedom, max(0.0, gain[0] + price))),
     )

@@ -16,7 +16,8 @@ from dynid.gap.known_errors import KnownErrors
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
 from dynid.gap.search import Search
 from dynid.gap.selected_effects import Key, SelectedEffect
-from dynid.gap.strays import Stray, find_strays
+from dynid.gap.strays import find_strays
+from dynid.judgement.gap import Event
 from dynid.model.base_model import BaseModel
 from dynid.options import LONGEST_DELAY
 from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
@@ -31,20 +32,26 @@ class EffectSearch:
     """A finished search.
 
     Attributes:
-        problem: what was searched, delays taken out.
+        logs: the conditioned logs.
+        options: what was searched for.
+        first: what was searched, before anything was found.
+        problem: the same with delays taken out.
         selected: effects that were found, a delay included.
         visibility: largest visible share of each candidate.
         errors: what recorder, filter and reversals do.
         rest: what is missing without a name.
-        strays: short disturbances that do not repeat.
+        events: short disturbances that do not repeat, the loudest first.
     """
 
+    logs: tuple[ConditionedLog, ...]
+    options: SelectionOptions
+    first: GapProblem
     problem: GapProblem
     selected: list[SelectedEffect]
     visibility: dict[Key, float]
     errors: KnownErrors
     rest: Rest
-    strays: tuple[Stray, ...] = ()
+    events: tuple[Event, ...]
 
 
 def search_effects(
@@ -52,8 +59,6 @@ def search_effects(
     base: BaseModel,
     kept: KeptModel | None,
     options: SelectionOptions,
-    *,
-    first: GapProblem | None = None,
     earlier: Sequence[ConditionedLog] = (),
 ) -> EffectSearch:
     """Search logs for what the model lacks.
@@ -63,10 +68,9 @@ def search_effects(
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
-        first: the problem of these logs, when it is there already.
         earlier: conditioned logs that a kept model was identified from.
     """
-    problem = first or make_problem(logs, base, kept, earlier)
+    first = problem = make_problem(logs, base, kept, earlier)
     # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
     wanted = not options.effects or "torque_delay" in options.effects
     shift = delay = late_torques(problem) if problem.since and wanted else 0.0
@@ -95,9 +99,17 @@ def search_effects(
         p_value, visible = float(chdtrc(1, (delay / error) ** 2)), share * late.visible
         values = {"delay": delay}
         selected.append(replace(late, values=values, visible=visible, p_value=p_value))
-    evidence, strays = state.evidence, find_strays(state, problem.noise.unrepeatable)
+    evidence = state.evidence
     return EffectSearch(
-        problem, selected, search.visibility, evidence.known_errors, evidence.rest(), tuple(strays)
+        logs=tuple(logs),
+        options=options,
+        first=first,
+        problem=problem,
+        selected=selected,
+        visibility=search.visibility,
+        errors=evidence.known_errors,
+        rest=evidence.rest(),
+        events=find_strays(state, base.robot, problem.noise.unrepeatable),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from dynid.gap.known_errors import KnownErrors
 from dynid.gap.problem import GapProblem
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
+from dynid.judgement.gap import HeldOutEffect, HeldOutImprovement
 
 #: Blocks of time that errors are taken from: longer than the memory of whitened residuals [s], and so many of them if
 #: the rows last long enough.
@@ -29,26 +30,6 @@ TIME_LEAD = 0.1
 
 
 # ---------------------------------------------------------------- the error before and after
-@dataclass(frozen=True)
-class HeldOutImprovement:
-    """The gap before and after, on held-out rows; (n,) each.
-
-    Attributes:
-        before: rms without the effects [N m or N].
-        after: rms with them [N m or N].
-        ratio: lower and upper end of the 95 % interval of after / before, (n, 2).
-        floor: the noise [N m or N].
-        known: rms of what no effect has to explain, but for noise: what recorder, filter and reversals do, and base
-            parameters that the searched rows leave unsure [N m or N].
-    """
-
-    before: Floats
-    after: Floats
-    ratio: Floats
-    floor: Floats
-    known: Floats
-
-
 def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Regression:
     """Fit model and effects together to the training rows, without what is not judged.
 
@@ -128,23 +109,6 @@ def _ratio(before: Floats, after: Floats, block: Ints, seed: int) -> Floats:
 
 
 # ---------------------------------------------------------------- each effect
-@dataclass(frozen=True)
-class HeldOutEffect:
-    """An effect on rows that were never fitted, of the joint that shows it most.
-
-    Attributes:
-        data: what the model leaves for the effect, everything fitted together, (M,) [N m or N].
-        torque: what the effect says, (M,) [N m or N].
-        against: values of the quantity that its torque follows most, (M,).
-        follows: that quantity with its unit, such as ``"speed of joint_3 [rad/s]"``.
-    """
-
-    data: Floats
-    torque: Floats
-    against: Floats
-    follows: str
-
-
 def held_out_effects(
     problem: GapProblem, selected: Sequence[SelectedEffect]
 ) -> list[HeldOutEffect]:

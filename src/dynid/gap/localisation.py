@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dynid.arrays import Floats, Ints, Mask
 from dynid.gap.regression import Regression
+from dynid.judgement.gap import JointGap
 
 #: Share of the noise's power that may be left: a joint with more is above its noise floor. Clean joints have 0.9 to 1.1
 #: of the power that repeats tell.
@@ -30,42 +29,6 @@ KINDS = {
 }
 
 
-@dataclass(frozen=True)
-class ResidualRegion:
-    """The residual in one part of one joint's rows.
-
-    Attributes:
-        kind: what it is cut by: speed, position, load, time, direction, reversal.
-        name: which part.
-        chi: mean square of the whitened residual there.
-        rows: number of rows.
-    """
-
-    kind: str
-    name: str
-    chi: float
-    rows: int
-
-
-@dataclass(frozen=True)
-class JointGap:
-    """The disagreement of one joint.
-
-    Attributes:
-        joint: index.
-        chi: mean square of the whitened residual; 1 at the noise level.
-        share: of what all joints have above their floors, 0 to 1.
-        regions: its parts.
-        text: where it is, in words.
-    """
-
-    joint: int
-    chi: float
-    share: float
-    regions: tuple[ResidualRegion, ...]
-    text: str
-
-
 def localise_residual(regression: Regression) -> list[JointGap]:
     """Return the disagreement of every joint."""
     noise, chi, energy, root = regression.noise, [], [], regression.root
@@ -83,7 +46,7 @@ def localise_residual(regression: Regression) -> list[JointGap]:
     return gaps
 
 
-def _regions(regression: Regression, joint: int) -> list[ResidualRegion]:
+def _regions(regression: Regression, joint: int) -> list[tuple[str, str, float]]:
     """Cut one joint's whitened residual by what the arm did."""
     rows, noise = regression.rows, regression.noise
     use, e = noise.counting(rows, joint), regression.e[joint] * noise.count[joint] ** 0.5
@@ -108,7 +71,7 @@ def _regions(regression: Regression, joint: int) -> list[ResidualRegion]:
         for k, name in enumerate(names):
             power = e[number[kind] == k] ** 2
             if len(power) >= FEWEST:
-                regions.append(ResidualRegion(kind, name, float(np.mean(power)), len(power)))
+                regions.append((kind, name, float(np.mean(power))))
     return regions
 
 
@@ -121,13 +84,13 @@ def near_reversal(qd: Floats, rate: float) -> Mask:
     return near
 
 
-def _words(regions: list[ResidualRegion]) -> str:
+def _words(regions: list[tuple[str, str, float]]) -> str:
     """Return the strongest contrasts in words."""
     strong = []
     for kind, (_, phrase) in KINDS.items():
-        of = sorted((r for r in regions if r.kind == kind), key=lambda r: -r.chi)
-        if len(of) > 1 and of[0].chi - 1 > STANDS_OUT * max(of[1].chi - 1, 0.05):
-            strong.append((of[0].chi / of[1].chi, phrase.format(of[0].name)))
+        of = sorted(((chi, name) for k, name, chi in regions if k == kind), reverse=True)
+        if len(of) > 1 and of[0][0] - 1 > STANDS_OUT * max(of[1][0] - 1, 0.05):
+            strong.append((of[0][0] / of[1][0], phrase.format(of[0][1])))
     if not strong:
         return "equally in all parts of its motion"
     return ", ".join(text for _, text in sorted(strong, reverse=True)[:2])

@@ -41,8 +41,7 @@ class NoiseModel:
         ar: coefficients of the autoregressive model of order k, (n, k).
         sigma: standard deviation of what it does not predict, (n,) [N m].
         floor: rms of the noise itself, (n,) [N m].
-        burst: highest over median power of 1 s blocks, (n,); 0 without repeats.
-        drift: power at low over high frequency, (n,); 0 without repeats.
+        disturbed: whether repeats show a burst or a drift, (n,); not without them.
         count: integrated autocorrelation time of what is not whitened, in rows, (n,); 1 where rows are whitened.
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
         misfit: joints whose floor is what a kept model left unexplained when it was identified, which is more than
@@ -52,8 +51,7 @@ class NoiseModel:
     ar: Floats
     sigma: Floats
     floor: Floats
-    burst: Floats
-    drift: Floats
+    disturbed: Mask
     count: Floats
     repeats: float = 0.0
     misfit: tuple[int, ...] = ()
@@ -61,14 +59,13 @@ class NoiseModel:
     @classmethod
     def white(cls, sigma: Floats) -> NoiseModel:
         """Return noise that is not whitened, of given standard deviations, (n,)."""
-        nothing = np.zeros(len(sigma))
-        return cls(nothing[:, None][:, :0], sigma, sigma, nothing, nothing, np.ones(len(sigma)))
+        n = len(sigma)
+        return cls(np.zeros((n, 0)), sigma, sigma, np.zeros(n, dtype=bool), np.ones(n))
 
     @property
     def unrepeatable(self) -> list[int]:
         """Joints with disturbances that do not repeat."""
-        above = (self.burst > BURST) | (self.drift > DRIFT) | (self.peak > tuning.RINGS)
-        return np.flatnonzero(above).tolist()
+        return np.flatnonzero(self.disturbed | (self.peak > tuning.RINGS)).tolist()
 
     @property
     def peak(self) -> Floats:
@@ -186,10 +183,11 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         ar = yule_walker(covariance)
         white = (whitened(e, ar)[use] for e, use in own)
         sigma = np.sqrt(sum(float(w @ w) for w in white) / count)
-        joints.append((ar, sigma, np.sqrt(power / count), _burst(x, rate), _drift(x, rate)))
-    ar, sigma, floor, burst, drift = map(np.array, zip(*joints, strict=True))
+        loud = _burst(x, rate) > BURST or _drift(x, rate) > DRIFT
+        joints.append((ar, sigma, np.sqrt(power / count), loud))
+    ar, sigma, floor, disturbed = map(np.array, zip(*joints, strict=True))
     sigma, floor = np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9)
-    return NoiseModel(ar, sigma, floor, burst, drift, np.ones(len(floor)), seconds)
+    return NoiseModel(ar, sigma, floor, disturbed, np.ones(len(floor)), seconds)
 
 
 def _burst(parts: Sequence[Floats], rate: float) -> float:
@@ -218,9 +216,8 @@ def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Nois
     covariance[0] *= 1.0 + tuning.STOP_BAND
     ar, floor = yule_walker(covariance), floor_from_spectrum(parts, chosen)
     sigma = floor * np.sqrt(max(1e-30, 1.0 - ar @ covariance[1:] / covariance[0]))
-    sigma, nothing = np.maximum(sigma, 1e-9), np.zeros(len(floor))
-    ar = np.tile(ar, (len(floor), 1))
-    return NoiseModel(ar, sigma, np.maximum(floor, 1e-9), nothing, nothing, nothing + 1.0)
+    white = NoiseModel.white(np.maximum(floor, 1e-9))
+    return replace(white, ar=np.tile(ar, (len(floor), 1)), sigma=np.maximum(sigma, 1e-9))
 
 
 def with_misfit(noise: NoiseModel, rows: GapRows, residual: Floats, level: Floats) -> NoiseModel:

@@ -55,7 +55,11 @@ class KeptModel:
     @property
     def prior_rows(self) -> Floats:
         """Rows [L^T, L^T theta] that hold parameters where they were, at most p of them, (r, p + 1)."""
-        root = information_root(self.covariance) / TRUST
+        size = np.sqrt(np.maximum(np.diag(self.covariance), 1e-18))
+        values, V = np.linalg.eigh(self.covariance / np.outer(size, size))
+        determined = values > OPEN * values[-1]
+        scale = TRUST * np.sqrt(np.maximum(values[determined], 1e-8))
+        root = (V[:, determined] / scale).T / size
         return np.column_stack([root, root @ self.theta])
 
 
@@ -66,15 +70,6 @@ def kept_model(result: Identification) -> KeptModel:
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
     unseen = np.array([joint.heldout_rms or 0.0 for joint in result.joints])
     return KeptModel(result.plain, result.plain_covariance, np.maximum(rms, unseen))
-
-
-def information_root(covariance: Floats) -> Floats:
-    """Return L^T with (L L^T)^-1 the covariance, without the directions that it leaves open, (r, p)."""
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
-    values, V = np.linalg.eigh(covariance / np.outer(size, size))
-    determined = values > OPEN * values[-1]
-    root: Floats = (V[:, determined] / np.sqrt(np.maximum(values[determined], 1e-8))).T / size
-    return root
 
 
 @dataclass(frozen=True)

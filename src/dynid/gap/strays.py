@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,41 +11,23 @@ from dynid.gap import tuning
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.known_errors import error_columns
 from dynid.gap.search import State
+from dynid.judgement.gap import Event
+from dynid.robot import Joint, Robot
 
 
-@dataclass(frozen=True)
-class Stray:
-    """A disturbance that nothing explains and nothing repeats.
-
-    Attributes:
-        joint: 0-based.
-        log: name of the log.
-        start: when it begins, by the log's clock [s].
-        end: when it ends [s].
-        size: the largest torque that is left there, after the filter [N m or N].
-        power: over the usual power of what is left.
-    """
-
-    joint: int
-    log: str
-    start: float
-    end: float
-    size: float
-    power: float
-
-
-def find_strays(state: State, shown: Sequence[int]) -> list[Stray]:
-    """Return the loudest disturbance of each joint that has any.
+def find_strays(state: State, robot: Robot, shown: Sequence[int]) -> tuple[Event, ...]:
+    """Return the loudest disturbance of each joint that has any, the loudest first.
 
     Args:
         state: everything that explains the rows.
+        robot: the arm.
         shown: joints on which repeats show that something does not repeat, and a weaker sign tells when.
     """
     bands, evidence, rows = state.rows.bands, state.evidence, state.rows.rows
     noise, theta, p = bands.noise, evidence.estimate, rows.W.shape[2]
     common = error_columns(rows)[0]
     shared = np.tensordot(theta[p : p + len(common)], common, 1)
-    left, strays = (rows.tau - rows.W @ theta[:p]).T - shared, []
+    left, events = (rows.tau - rows.W @ theta[:p]).T - shared, list[Event]()
     for k, one in enumerate(state.named):
         place, size = one.place, theta[state.columns(k)]
         columns = rows.columns(place.effect, place.joints, [one.shape], always=place.always)
@@ -59,14 +40,15 @@ def find_strays(state: State, shown: Sequence[int]) -> list[Stray]:
             # Why both: what the model lacks repeats, and a push is in one of the repeats alone.
             both = np.array([alone, bands.unrepeated(j, alone)])
             least = tuning.STRAY_SHOWN if j in shown else tuning.STRAY_POWER
-            stray = _loudest(j, noise.whiten(rows, j, both), index, rows, noise.floor[j], least)
-            strays += [] if stray is None else [stray]
-    return strays
+            white = noise.whiten(rows, j, both)
+            event = _loudest(robot.joints[j], white, index, rows, noise.floor[j], least)
+            events += [] if event is None else [event]
+    return tuple(sorted(events, key=lambda event: -event.power))
 
 
 def _loudest(
-    joint: int, left: Floats, index: Ints, rows: GapRows, floor: float, least: float
-) -> Stray | None:
+    joint: Joint, left: Floats, index: Ints, rows: GapRows, floor: float, least: float
+) -> Event | None:
     block = index // max(1, round(tuning.STRAY_BLOCK_S * rows.rate))
     names, place, count = np.unique(block, return_inverse=True, return_counts=True)
     power = np.min([np.bincount(place, x**2) / count for x in left], axis=0)
@@ -79,11 +61,13 @@ def _loudest(
     chosen = index[((power > 0.25 * power[k]) & near)[place]]
     part = rows.part[index[np.argmax(place == k)]]
     times = rows.stamp[chosen[rows.part[chosen] == part]]
-    return Stray(
-        joint,
-        rows.logs[part].name,
-        float(times.min()),
-        float(times.max()) + 1.0 / rows.rate,
-        float(floor * np.sqrt(power[k])),
-        float(power[k] / usual),
+    log = rows.logs[part]
+    return Event(
+        log=log.path or log.name,
+        joint=joint.name,
+        start=float(times.min()),
+        end=float(times.max()) + 1.0 / rows.rate,
+        size=float(floor * np.sqrt(power[k])),
+        unit=joint.torque_unit,
+        power=float(power[k] / usual),
     )

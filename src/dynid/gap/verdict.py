@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
@@ -11,7 +10,6 @@ from scipy.special import expit
 from dynid.arrays import Floats
 from dynid.estimation.possible_set import pseudo_inertia
 from dynid.gap import tuning
-from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import COUNTERBALANCE
 from dynid.gap.delays import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
@@ -37,31 +35,9 @@ LIKELY = "its probability is only"
 SMALL_DELAY = "the delay is shorter than the sampling can resolve"
 
 
-@dataclass(frozen=True)
-class GapVerdict:
-    """What is said in the end.
-
-    Attributes:
-        word: ``named``, ``nothing_missing``, ``nothing_changed``, ``unexplained`` or ``ambiguous``.
-        named: effects that are named.
-        closest: effects that explain part of the gap, with the reason why they are no name.
-        remainder: joints with more left than noise.
-        alternatives: groups of identifiers that explain as much.
-        advice: what to do next.
-    """
-
-    word: str
-    named: tuple[SelectedEffect, ...]
-    closest: tuple[tuple[SelectedEffect, str], ...]
-    remainder: tuple[int, ...]
-    alternatives: tuple[tuple[str, ...], ...]
-    advice: str
-
-
 def refusal(
     search: EffectSearch,
     one: SelectedEffect,
-    sure: float,
     changed: tuple[int, ...] | None,
     falls: float,
 ) -> str:
@@ -70,11 +46,11 @@ def refusal(
     Args:
         search: the search.
         one: the effect that is judged, beside all others.
-        sure: probability against what has no name that a name needs.
         changed: joints on which old and new logs do not agree, before anything is taken out; None where nobody asks.
         falls: by how much the squared held-out errors fall with it, in units of their noise, over what its size says.
     """
-    late, rate = one.name == "torque_delay", search.problem.rows.logs[0].filter.rate
+    sure, late = search.options.sure, one.name == "torque_delay"
+    rate = search.problem.rows.logs[0].filter.rate
     probability = 1.0 if late else expit(one.log_odds)
     # How large what is left of its joint is, over the effect: what no kind of the rest holds, too.
     # Why not of a change: what has always been left stands for nothing that is new.
@@ -146,44 +122,27 @@ def unnamed(search: EffectSearch) -> Floats:
     return np.hypot(search.rest.rms, np.sqrt(level))
 
 
-def judge(
+def verdict_of(
     search: EffectSearch,
-    named: Sequence[SelectedEffect],
     refused: Sequence[tuple[SelectedEffect, str]],
-    joints: Sequence[str],
-) -> GapVerdict:
-    """Judge a finished search.
+    remainder: Sequence[int],
+) -> str:
+    """Return the verdict on a finished search.
 
     Args:
         search: the search, with what passed alone.
-        named: what passed, with numbers.
         refused: what did not, with the reason.
-        joints: joint names.
+        remainder: joints with more left than noise.
     """
-    named, closest = tuple(named), tuple(refused)
-    compared = search.problem.rows.compared
-    remainder = (
-        still_changed(search.problem, named).joints if compared else joints_with_more(search)
-    )
-    groups = tuple(
-        tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)]))
-        for one in named
-        if one.rivals
-    )
+    if any(one.rivals for one in search.selected):
+        return "ambiguous"
+    if search.selected:
+        return "named"
     # Why not all: what is refused for its delay alone is no sign of anything missing.
-    matters = any(why != SMALL_DELAY and one.visible >= tuning.MATERIAL for one, why in closest)
-    if groups:
-        word = "ambiguous"
-    elif named:
-        word = "named"
-    elif remainder or (not compared and (matters or unrepeatable(search))):
-        word = "unexplained"
-    else:
-        word = "nothing_changed" if search.problem.since else "nothing_missing"
-    advice = advice_of(word, search, named, closest, remainder, joints)
-    # Why: the same effect on other joints is a group of one identifier, and told only where there is no other group.
-    different = tuple(group for group in groups if len(group) > 1)
-    return GapVerdict(word, named, closest, remainder, different or groups, advice)
+    matters = any(why != SMALL_DELAY and one.visible >= tuning.MATERIAL for one, why in refused)
+    if remainder or (not search.problem.rows.compared and (matters or unrepeatable(search))):
+        return "unexplained"
+    return "nothing_changed" if search.problem.since else "nothing_missing"
 
 
 def joints_with_more(search: EffectSearch) -> tuple[int, ...]:
@@ -195,7 +154,9 @@ def joints_with_more(search: EffectSearch) -> tuple[int, ...]:
 
 def unrepeatable(search: EffectSearch) -> list[int]:
     """Return joints with disturbances that do not repeat."""
-    return sorted({*search.problem.noise.unrepeatable, *(one.joint for one in search.strays)})
+    names = search.problem.base.robot.joint_names
+    once = (names.index(event.joint) for event in search.events)
+    return sorted({*search.problem.noise.unrepeatable, *once})
 
 
 def explained_share(search: EffectSearch, one: SelectedEffect) -> float | None:
@@ -219,40 +180,37 @@ def joints_text(where: Joints, joints: Sequence[str]) -> str:
 
 
 def advice_of(
-    word: str,
+    verdict: str,
     search: EffectSearch,
-    named: Sequence[SelectedEffect],
     closest: Sequence[tuple[SelectedEffect, str]],
     remainder: Sequence[int],
-    joints: Sequence[str],
 ) -> str:
     """Return what to do next."""
+    joints = search.problem.base.robot.joint_names
     repeat = (
         ""
         if search.problem.noise.repeats
         else " Record each motion twice: without repeats the noise level is only a lower bound."
     )
-    if word == "ambiguous":
-        one = next(f for f in named if f.rivals)
+    if verdict == "ambiguous":
+        one = next(f for f in search.selected if f.rivals)
         first, other = labels(one, joints)[:2]
         ways = dict.fromkeys([one.effect.separate, CATALOGUE[one.rivals[0][0]].separate])
         return f"To tell {first} and {other} apart: {'; '.join(ways)}."
-    if word == "named":
+    if verdict == "named":
         more = ", ".join(joints[j] for j in remainder)
         left = f" More is missing on {more}." if more else ""
         return f"Add it with --apply, then check the result on a new log with dynid validate.{left}{repeat}"
-    if word == "nothing_changed":
+    if verdict == "nothing_changed":
         return f"These logs show no change. --ask numbers searches for what the model has always lacked.{repeat}"
-    if word == "nothing_missing":
+    if verdict == "nothing_missing":
         return f"The residual of every joint is at its noise.{repeat}"
     stray = unrepeatable(search)
     alone = {*stray}.issuperset(remainder)
-    if search.strays and alone:
-        robot = search.problem.base.robot
+    if search.events and alone:
         said = (
-            f"{joints[x.joint]} in {x.log} from {x.start:.1f} to {x.end:.1f} s "
-            f"(about {x.size:.2g} {robot.joints[x.joint].torque_unit})"
-            for x in sorted(search.strays, key=lambda x: -x.power)
+            f"{x.joint} in {x.log} from {x.start:.1f} to {x.end:.1f} s (about {x.size:.2g} {x.unit})"
+            for x in search.events
         )
         return (
             f"Something disturbed {'; '.join(said)} and did not repeat: look for a contact or a cable, and record "

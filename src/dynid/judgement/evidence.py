@@ -6,7 +6,6 @@ worst fact that it covers, and has the words of that fact.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ from pathlib import PurePath
 from typing import Any
 
 from dynid.judgement import tuning
+from dynid.judgement.gap import GapRecord
 from dynid.text import shell
 
 
@@ -89,142 +89,6 @@ class Unseen:
 
 
 @dataclass(frozen=True)
-class EffectEvidence:
-    """An effect that the model lacks.
-
-    Attributes:
-        effect: identifier.
-        title: what it is, such as "Stribeck friction".
-        where: the joint or joints, in words.
-        sizes: name, value, standard error (None where the logs do not determine it) and unit of each number.
-        named: whether it is proved; False for what is only likely, or one of several.
-        probability: that it is this one, between 0 and 1.
-        joint: name of the joint that shows it most.
-        before: error of that joint on rows that were not fitted, without it [unit].
-        after: and with it [unit].
-        unit: of these.
-        why_not: why it is not named.
-        corrected: whether predictions allow for it already, as for a delay that was found when the arm was identified.
-        rivals: others that explain as much, in words.
-    """
-
-    title: str
-    where: str
-    effect: str = ""
-    sizes: tuple[tuple[str, float, float | None, str], ...] = ()
-    named: bool = True
-    probability: float | None = None
-    joint: str = ""
-    before: float | None = None
-    after: float | None = None
-    unit: str = "N m"
-    why_not: str = ""
-    corrected: bool = False
-    rivals: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Event:
-    """A disturbance that happened once.
-
-    Attributes:
-        log: path of the log.
-        joint: name.
-        start: in the log's time [s].
-        end: in the log's time [s].
-        size: largest torque [unit].
-        unit: of it.
-    """
-
-    log: str
-    joint: str
-    start: float
-    end: float
-    size: float
-    unit: str = "N m"
-
-
-@dataclass(frozen=True)
-class GapEvidence:
-    """What a search for missing effects found.
-
-    Attributes:
-        question: ``"numbers"``, ``"arm"`` or ``"changed"``.
-        ambiguous: whether several effects explain as much.
-        effects: what was found, what is named first.
-        joints: names of the joints, n.
-        before: error of each joint on rows that were not fitted, without the named effects, (n,) [N m or N].
-        after: and with them, (n,) [N m or N].
-        noise: rms of the noise of each joint, (n,) [N m or N].
-        known: rms of what recorder, filter and reversals do, and of what unsure parameters leave, (n,) [N m or N].
-        repeats: whether the noise comes from repeats.
-        more: names of joints where more is left than noise, with or without the named effects.
-        unrepeatable: names of joints whose disturbance does not repeat.
-        events: disturbances that happened once.
-        kept: error of the model as it was on the new logs [%].
-        expected: error that was expected there [%].
-        kept_rms: error of each joint of that model there, (n,) [N m or N]; () where it was not kept.
-        logs: paths of the logs.
-        flags: what was asked for, as words of a command.
-        instead: what an arm of other links would have, where nothing is missing with these.
-    """
-
-    question: str
-    ambiguous: bool = False
-    effects: tuple[EffectEvidence, ...] = ()
-    joints: tuple[str, ...] = ()
-    before: tuple[float, ...] = ()
-    after: tuple[float, ...] = ()
-    noise: tuple[float, ...] = ()
-    known: tuple[float, ...] = ()
-    repeats: bool = False
-    more: tuple[str, ...] = ()
-    unrepeatable: tuple[str, ...] = ()
-    events: tuple[Event, ...] = ()
-    kept: float | None = None
-    expected: float | None = None
-    kept_rms: tuple[float, ...] = ()
-    logs: tuple[str, ...] = ()
-    flags: tuple[str, ...] = ()
-    instead: tuple[EffectEvidence, ...] = ()
-
-    @property
-    def allowed(self) -> tuple[float, ...]:
-        """Rms of what no effect has to explain: noise, and known errors, (n,) [N m or N]."""
-        known = self.known or (0.0,) * len(self.noise)
-        return tuple(math.hypot(*pair) for pair in zip(self.noise, known, strict=True))
-
-    @property
-    def surprise(self) -> float | None:
-        """Error of the model as it was over the expected one, where that is more than the noise; None where unknown."""
-        if self.kept is None or not self.expected:
-            return None
-        rows = zip(self.kept_rms, self.allowed, strict=False)
-        at_noise = len(self.kept_rms) == len(self.noise) > 0 and all(
-            x <= tuning.AT_NOISE * noise for x, noise in rows
-        )
-        return 1.0 if at_noise else self.kept / self.expected
-
-    @property
-    def named(self) -> tuple[EffectEvidence, ...]:
-        """Effects that are proved."""
-        return tuple(one for one in self.effects if one.named)
-
-    @property
-    def missing(self) -> tuple[EffectEvidence, ...]:
-        """Effects that are proved and that predictions do not allow for yet."""
-        return tuple(one for one in self.named if not one.corrected)
-
-    @property
-    def errors(self) -> tuple[float, ...]:
-        """Error of each joint on rows that were not fitted with the model as it is, (n,) [N m or N].
-
-        A search takes back what the model corrects, to find it again: the error without it is not that of the model.
-        """
-        return self.after if self.named and not self.missing else self.before
-
-
-@dataclass(frozen=True)
 class Change:
     """One number in two results.
 
@@ -291,7 +155,7 @@ class Evidence:
     alarms: tuple[str, ...] = ()
     known: float | None = None
     open: int | None = None
-    gap: GapEvidence | None = None
+    gap: GapRecord | None = None
     changes: tuple[Change, ...] | None = None
     earlier: str = ""
     earlier_result: str = ""
@@ -314,9 +178,9 @@ class Evidence:
         return {light.name: light.state for light in self.lights}
 
     @cached_property
-    def gap_evidence(self) -> GapEvidence:
+    def gap_evidence(self) -> GapRecord:
         """What the search found; a search that found nothing where there was none."""
-        return self.gap or GapEvidence("")
+        return self.gap or GapRecord()
 
     @property
     def or_more(self) -> str:
@@ -552,10 +416,12 @@ def _complete(evidence: Evidence) -> Iterator[Fact]:
             yield "fair", f"{each.name} was not searched"
 
 
-def of_search(gap: GapEvidence) -> list[Fact]:
+def of_search(gap: GapRecord) -> list[Fact]:
     """Return what a search says of the logs that it has seen."""
     facts = []
-    for name, error, noise in zip(gap.joints, gap.errors, gap.allowed, strict=True):
+    for name, error, noise in zip(
+        gap.joint_names, gap.errors, gap.improvement.allowed, strict=True
+    ):
         more = not noise or error > tuning.MISSING[not gap.repeats] * noise
         state = "fair" if more else "good"
         facts.append(unless_good(state, f"{name} {error:.2g}, noise {noise:.2g}"))
@@ -564,13 +430,13 @@ def of_search(gap: GapEvidence) -> list[Fact]:
             f"relative torque error {gap.kept:.2g} % on the new logs, expected {gap.expected:.2g} %"
         )
         facts.append(unless_good(grade(gap.surprise, tuning.EXPECTED), text))
-    if gap.missing or len(gap.effects) > len(gap.named):
+    if gap.missing or gap.likely:
         named = [f"{one.title} on {one.where}" for one in gap.missing]
-        likely = [f"perhaps {one.title} on {one.where}" for one in gap.effects if not one.named]
+        likely = [f"perhaps {one.title} on {one.where}" for one in gap.likely]
         facts.append(("fair", ", ".join(named or likely)))
     if gap.more:
         facts.append(("fair", f"residual above the noise on {', '.join(gap.more)}"))
-    if joints := dict.fromkeys((*gap.unrepeatable, *(each.joint for each in gap.events))):
+    if joints := dict.fromkeys((*gap.not_repeatable, *(each.joint for each in gap.events))):
         facts.append(("fair", f"disturbance that does not repeat on {', '.join(joints)}"))
     return facts or [("fair", "the search compared no joint with its noise")]
 

@@ -14,7 +14,6 @@ from typing import Any
 from dynid.judgement import tuning
 from dynid.judgement.evidence import (
     OPEN,
-    EffectEvidence,
     Evidence,
     Light,
     Unseen,
@@ -26,6 +25,7 @@ from dynid.judgement.evidence import (
     worst,
     worst_of,
 )
+from dynid.judgement.gap import GapEffect
 from dynid.table import with_error
 from dynid.text import shell
 
@@ -148,25 +148,26 @@ def unexplained(e: Evidence) -> str:
         one = gap.events[0]
         times = f"from {one.start:.1f} to {one.end:.1f} s of {one.log}"
         return f"A disturbance that does not repeat: {one.size:.2g} {one.unit} on {one.joint}, {times}."
-    for effect in gap.effects:
-        if not effect.named and (effect.probability or 0.0) >= 0.5:
+    for effect in gap.likely:
+        if (effect.probability or 0.0) >= 0.5:
             return likely_effect(effect)
-    if gap.unrepeatable and {*gap.unrepeatable}.issuperset(gap.more):
-        return f"The disturbance of {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."
+    if gap.not_repeatable and {*gap.not_repeatable}.issuperset(gap.more):
+        return f"The disturbance of {', '.join(gap.not_repeatable)} does not repeat, so it is no property of the arm."
     if (gap.surprise or 0.0) > tuning.EXPECTED[0]:
         return (
             f"Relative torque error {gap.kept:.3g} % on these logs (expected {gap.expected:.2g} %), "
             "and no known effect explains it."
         )
-    rows = zip(gap.joints, gap.before, gap.allowed, strict=True)
+    errors = gap.improvement
+    rows = zip(gap.joint_names, errors.before, errors.allowed, strict=True)
     most = tuning.MISSING[not gap.repeats]
     names = ", ".join(gap.more or (name for name, error, noise in rows if error > most * noise))
-    if gap.effects and not names:
-        return likely_effect(gap.effects[0])
+    if gap.likely and not names:
+        return likely_effect(gap.likely[0])
     return f"The residual{' of ' * bool(names)}{names} is above the noise, and no known effect explains it."
 
 
-def sizes_of(one: EffectEvidence) -> str:
+def sizes_of(one: GapEffect) -> str:
     """Return where an effect sits and what it is, with its numbers; an order or a form is chosen, not measured."""
     texts = []
     for name, value, error, unit in one.sizes:
@@ -177,7 +178,7 @@ def sizes_of(one: EffectEvidence) -> str:
     return one.title + "".join(texts)
 
 
-def named_effect(one: EffectEvidence, *, changed: bool) -> str:
+def named_effect(one: GapEffect, *, changed: bool) -> str:
     """Return an effect that is proved, or one with others that explain as much."""
     if one.rivals:
         names = " or ".join((f"{one.title} on {one.where}", *one.rivals))
@@ -193,7 +194,7 @@ def named_effect(one: EffectEvidence, *, changed: bool) -> str:
     return f"{kind} on {one.where}: {sizes_of(one)}."
 
 
-def likely_effect(one: EffectEvidence) -> str:
+def likely_effect(one: GapEffect) -> str:
     """Return an effect that is not proved."""
     why = f" Not named: {one.why_not}." if one.why_not else ""
     return f"Likely effect on {one.where}: {sizes_of(one)}.{why}"
@@ -224,15 +225,19 @@ def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]
 
 def _gap_reasons(e: Evidence) -> Iterator[str]:
     gap, units = e.gap_evidence, {joint.joint: f" {joint.unit}" for joint in e.joints}
-    yield from map(likely_effect, gap.instead)
-    noises = dict(zip(gap.joints, gap.noise, strict=True))
+    # What an arm of other links would have, where nothing is missing with these.
+    instead = [one for one in gap.closest if gap.nothing and one.effect == "counterbalance"]
+    yield from map(likely_effect, instead)
+    errors = gap.improvement
+    noises = dict(zip(gap.joint_names, errors.floor, strict=True))
     for one in {one.joint: one for one in gap.named}.values():
-        if one.before is not None and one.after is not None:
+        if one.rms_after is not None:
             noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
             what = "without and with the correction" if one.corrected else "on held-out data"
-            sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
+            sizes = f"{one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}"
             yield f"Error of {one.joint} {what} {sizes}{noise}."
-    rows = zip(gap.joints, gap.after if gap.named else gap.before, gap.noise, strict=True)
+    held_out = errors.after if gap.named else errors.before
+    rows = zip(gap.joint_names, held_out, errors.floor, strict=True)
     left = [row for row in rows if not gap.named or row[0] in gap.more]
     if left and (gap.named or not gap.events):
         name, error, floor = max(left, key=lambda row: row[1] / max(row[2], 1e-12))
@@ -334,7 +339,8 @@ def _weakest(e: Evidence) -> int:
 
 def _gap_steps(e: Evidence) -> Iterator[Step]:
     gap, logs = e.gap_evidence, e.gap_evidence.logs or ("LOG",)
-    if gap.missing and not gap.ambiguous:
+    first = next(iter((*gap.named, *gap.likely)), None)
+    if gap.missing and gap.verdict != "ambiguous":
         why = "Add the effect to a copy of the robot file, and identify the arm with it."
         command = f"{shell('dynid', 'gap', e.run, *logs, *gap.flags)} --apply best"
         yield Step(why, command, ("complete", "fit", "unseen motion", "physics"))
@@ -344,12 +350,12 @@ def _gap_steps(e: Evidence) -> Iterator[Step]:
         without = [word for time in times for word in ("--exclude", time)]
         why = "Search again without the disturbances, or look for a contact or a cable there."
         yield Step(why, shell("dynid", "gap", e.run, *logs, *gap.flags, *without), ("complete",))
-    if gap.unrepeatable and not gap.events:
-        why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
+    if gap.not_repeatable and not gap.events:
+        why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.not_repeatable)}, then record again."
         yield Step(why, shell("dynid", "check", logs[0], "--robot", e.robot), ("complete",))
-    elif gap.effects and gap.effects[0].effect == "counterbalance" and not gap.ambiguous:
+    elif first is not None and first.effect == "counterbalance" and gap.verdict != "ambiguous":
         # No motion helps: links of another mass make the same torques in every one.
-        link = gap.joints.index(gap.effects[0].joint) + 1
+        link = gap.joint_names.index(first.joint) + 1
         why = f"Give the mass of link {link} and a box around its centre of mass, from its drawing, and identify again."
         command = f"{shell('dynid', 'identify', e.robot, *e.to_search)} --link-mass {link}=LOW:HIGH"
         box = f"{command} --com-box {link}=X,Y,Z:X,Y,Z"

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement
-from dynid.gap.localisation import JointGap
-from dynid.gap.record import GapEffect
+from dynid.judgement.gap import GapEffect, HeldOutEffect, HeldOutImprovement, JointGap
 from dynid.reports.figures import (
     ESTIMATED,
     MEASURED,
@@ -35,11 +33,11 @@ WORST = 10.0
 @styled
 def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
     """Draw the mean square of the residual, in units of the noise's, over speed, position, load, time and direction."""
-    names = list(dict.fromkeys((r.kind, r.name) for g in gaps for r in g.regions))
+    names = list(dict.fromkeys((kind, name) for g in gaps for kind, name, _ in g.regions))
     chi = np.full((len(joints), max(len(names), 1)), np.nan)
     for g in gaps:
-        for r in g.regions:
-            chi[g.joint, names.index((r.kind, r.name))] = r.chi
+        for kind, name, power in g.regions:
+            chi[g.joint, names.index((kind, name))] = power
     figure, (axis,) = bar_figure(joints, 0.25, 1.8)
     worst = max(WORST, float(np.nanmax(chi, initial=WORST)))
     shades = np.log10(np.clip(chi, 0.5, None))

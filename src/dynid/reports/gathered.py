@@ -14,7 +14,8 @@ from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import load_factors
 from dynid.files.artifact import reading
-from dynid.gap.record import GapRecord, read_record
+from dynid.files.gapfile import read_record
+from dynid.judgement.gap import GapRecord
 from dynid.judgement.rules import Judgement
 from dynid.robot import Robot
 from dynid.runs import RunFolder

@@ -14,17 +14,17 @@ from dynid.arguments import instance, public
 from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
-from dynid.estimation.evidence import evidence_of, fingerprint, found_path, with_paths
+from dynid.estimation.evidence import evidence_of, found_path, with_paths
 from dynid.estimation.payload import find_payload
 from dynid.estimation.result import Identification
 from dynid.files import packaged
 from dynid.files.artifact import kind_of
+from dynid.files.gapfile import read_record, write_record
 from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
 from dynid.gap.analysis import (
     CUTOFF,
     GapAnalysis,
     analyse_gap,
-    named_load,
     on_one_clock,
     with_counterbalances,
     with_reestimated_payload,
@@ -34,8 +34,9 @@ from dynid.gap.candidates import SelectionOptions
 from dynid.gap.counterbalance import COUNTERBALANCE, Suspicion, suspicions
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.problem import kept_model
-from dynid.gap.record import GapEffect, GapRecord, new_name, read_record, record_of, write_record
+from dynid.gap.record import effect_of, new_name, record_of
 from dynid.judgement.evidence import Evidence
+from dynid.judgement.gap import GapEffect, GapRecord
 from dynid.loading import (
     LogsLike,
     ResultLike,
@@ -115,9 +116,10 @@ class Gap(Judged, GapRecord):
     @property
     def evidence(self) -> Evidence:
         """What is known of the searched model with what was found."""
-        result, search = self.searched, with_paths(self.found)
+        result = self.searched
         known = Evidence(result=self.made_from) if result is None else evidence_of(result)
-        return replace(known, asked="gap", gap=search, result=known.result or self.made_from)
+        name = known.result or self.made_from
+        return replace(known, asked="gap", gap=with_paths(self), result=name)
 
     def table(self) -> Table:
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
@@ -181,7 +183,6 @@ class Gap(Judged, GapRecord):
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid gap`` says."""
         names = self.joint_names
-        before, after = self.simulation if len(self.simulation) else (None, None)
         errors = {
             "heldout_before_nm": "before",
             "heldout_after_nm": "after",
@@ -204,14 +205,12 @@ class Gap(Judged, GapRecord):
             "gap": {
                 "joints": list(names),
                 **picked(self.improvement, **errors),
-                "simulation_before": before,
-                "simulation_after": after,
+                "simulation_before": None,
+                "simulation_after": None,
                 **picked(self, "heldout", "noise_from"),
             },
             "cannot_judge": {
-                name: [names[j] for j in joints]
-                for name, joints in self.cannot_judge.items()
-                if name in CATALOGUE
+                name: [names[j] for j in joints] for name, joints in self.cannot_judge.items()
             },
             "judgement": self.judgement.facts(),
         }
@@ -285,18 +284,14 @@ class Gap(Judged, GapRecord):
         if self.analysis is None:
             what = "a search that was read from a file cannot be applied"
             raise WrongUsage(what, fix="find_gap(...).apply()")
-        requested = self.chosen(effects) if isinstance(effects, str) else effects
-        wanted = [(one.effect, one.indices) for one in requested]
-        verdict, robot = self.analysis.verdict, self.analysis.problem.base.robot
-        every = (*verdict.named, *(one for one, _ in verdict.closest))
-        chosen = [one for one in every if (one.name, one.joints) in wanted]
+        chosen = self.chosen(effects) if isinstance(effects, str) else effects
         if not chosen:
             fix = "name a candidate of the table, such as apply('spring@7')"
             raise WrongUsage("no effect is named", fix=fix)
-        specs = specs_of(chosen, robot)
+        specs = specs_of(chosen)
         path = None if robot_file is None else Path(robot_file)
         if path is not None:
-            write_robot(robot, specs, path)
+            write_robot(self.analysis.search.first.base.robot, specs, path)
         result = self._identified(specs)
         header = {
             **result.header,
@@ -310,7 +305,7 @@ class Gap(Judged, GapRecord):
         before, analysis, late = self.searched, self.analysis, self.signals.delay or 0.0
         assert before is not None
         assert analysis is not None
-        problem, own = analysis.problem, replace(self.signals, delay=before.delay)
+        problem, own = analysis.search.first, replace(self.signals, delay=before.delay)
         if not any(spec.effect == "torque_delay" for spec in specs):
             late = before.delay
         own = replace(own, cutoff=before.cutoff or own.cutoff)
@@ -477,8 +472,7 @@ class _Search:
         if not before:
             why = "the logs that the model was identified from were not found"
             gap = self.of_the_arm(new, why)
-            nothing = gap.verdict.startswith("nothing")
-            if not nothing or self.judged(gap, new).verdict == gap.verdict:
+            if not gap.nothing or self.judged(gap, new).verdict == gap.verdict:
                 return gap
             # Why: new numbers for all parameters take in a load, and the model as it is does not.
             why += ", and the error of the model is larger than expected."
@@ -516,7 +510,7 @@ class _Search:
             possible=result.in_force == "physical",
         )
         if question == "arm":
-            analysis = with_counterbalances(analysis, wanted, wanted.joints or range(base.robot.n))
+            analysis = with_counterbalances(analysis, wanted.joints or range(base.robot.n))
         if kept:
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         gap = self._recorded(analysis, question, why)
@@ -538,25 +532,23 @@ class _Search:
         names = self.result.robot.joint_names
         sought = [one for one in suspected if one.searched]
         if not sought:
-            return _with_likely(gap, suspected, names)
+            return _with_likely(gap, suspected)
         reasons = (
             f"A counterbalance on {names[one.joint]} makes the links more plausible"
             + f" (without it, there is {one.instead_of})" * bool(one.instead_of)
             for one in sought
         )
         why = f"{gap.asked} {' and '.join(reasons)}: {ASKED['arm']}"
-        analysis = with_counterbalances(gap.analysis, self.wanted, [one.joint for one in sought])
-        if any(one.name == COUNTERBALANCE for one in analysis.verdict.named):
+        analysis = with_counterbalances(gap.analysis, [one.joint for one in sought])
+        if any(one.name == COUNTERBALANCE for one in analysis.named):
             of_arm = self._recorded(analysis, "arm", why)
             return replace(of_arm, recordings=gap.recordings, signals=gap.signals)
-        return _with_likely(replace(gap, asked=why), sought, names)
+        return _with_likely(replace(gap, asked=why), sought)
 
     def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
         """Return an analysis as the answer to a question, without logs and signals."""
-        made_from = str(self.result.path) if self.result.path.name else ""
-        record = record_of(analysis, self.result.robot, question, why, made_from)
-        facts = vars(record) | {"of": fingerprint(self.result), "delay": self.result.delay}
-        return Gap(**facts, analysis=analysis, searched=self.result)
+        record = record_of(analysis, self.result, question, why)
+        return Gap(**vars(record), analysis=analysis, searched=self.result)
 
     def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
         """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
@@ -569,7 +561,8 @@ class _Search:
     @heard_by()
     def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
         """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
-        load, result = named_load(analysis), self.result
+        load = next((one for one in analysis.named if one.name == "payload"), None)
+        result = self.result
         if load is None or result.robot.torque.relative:
             return analysis
         options = IdentifyOptions(
@@ -604,7 +597,7 @@ class _Search:
             gap = replace(gap, kept_rms=rms, **kept)
         if gap.named and gap.unseen_logs:
             gap = self._proved(gap)
-        if gap.verdict.startswith("nothing") and gap.judgement.light("complete").state != "good":
+        if gap.nothing and gap.judgement.light("complete").state != "good":
             gap = replace(gap, verdict="unexplained", advice="")
         return gap
 
@@ -644,33 +637,18 @@ class _Search:
 
 
 # ---------------------------------------------------------------- counterbalances, which heavier links imitate
-def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str]) -> Gap:
+def _with_likely(gap: Gap, suspected: Sequence[Suspicion]) -> Gap:
     """Return an answer with the counterbalances that an arm of other links would do for: what is odd is not nothing."""
     doubtful = [one for one in suspected if one.instead_of]
-    if not doubtful or not gap.verdict.startswith("nothing"):
+    if not doubtful or not gap.nothing:
         return gap
-    units, likely = dict(CATALOGUE[COUNTERBALANCE].units), []
+    assert gap.analysis is not None
+    assert gap.searched is not None
+    likely = []
     for one in doubtful:
-        name = names[one.joint]
-        values, errors = (dict(zip(units, sizes.tolist(), strict=True)) for sizes in one.sizes[:2])
-        likely.append(
-            GapEffect(
-                effect=COUNTERBALANCE,
-                indices=(one.joint,),
-                joints=(name,),
-                where=name,
-                values=values,
-                std_errors=errors,
-                units=units,
-                p_value=one.chance,
-                joint=name,
-                rms_before=float(gap.improvement.before[one.joint]),
-                rms_after=None,
-                unit=gap.torque_units[one.joint],
-                why_not=f"torques alone do not separate it from {one.instead_of}",
-                probability=one.probability,
-            )
-        )
+        why = f"torques alone do not separate it from {one.instead_of}"
+        effect = effect_of(one.selected(one.joint, 0.0), gap.analysis, gap.searched, why)
+        likely.append(replace(effect, probability=one.probability))
     links = " and ".join(dict.fromkeys(f"link {one.link}" for one in doubtful))
     return replace(
         gap,

@@ -23,6 +23,7 @@ from dynid.estimation.posterior import information_of as known_of
 from dynid.estimation.posterior import prior_information, sample_noise
 from dynid.estimation.result import Identification
 from dynid.files.artifact import reading
+from dynid.files.gapfile import read_record
 from dynid.files.planfile import Waypoints, read_plan, read_waypoints
 from dynid.files.trajectoryfile import (
     Review,
@@ -32,7 +33,8 @@ from dynid.files.trajectoryfile import (
     write_joint_trajectory,
     write_trajectory,
 )
-from dynid.gap.record import GapRecord, read_record
+from dynid.gap.verdict import joints_text
+from dynid.judgement.gap import GapRecord
 from dynid.judgement.rules import Step
 from dynid.loading import ResultLike, RobotLike, as_result, as_robot, load_run
 from dynid.model.base_model import BaseModel
@@ -649,7 +651,8 @@ def _rivalries(record: GapRecord) -> Iterator[Rivalry]:
     for one in record.named:
         effect = CATALOGUE[one.effect]
         shape = {name: one.values[name] for name in effect.shape_units}
-        for (rival, joints), text in zip(one.rival_keys, one.rivals, strict=True):
+        for rival, joints in one.rival_keys:
+            where = joints_text(joints, record.joint_names)
             yield Rivalry(
                 effect=effect,
                 joints=one.indices,
@@ -657,7 +660,7 @@ def _rivalries(record: GapRecord) -> Iterator[Rivalry]:
                 amplitudes=np.array([one.values[name] for name in effect.amplitudes(shape)]),
                 rival=CATALOGUE[rival],
                 rival_joints=joints,
-                text=f"{one.effect} on {one.where} and {text}",
+                text=f"{one.effect} on {one.where} and {rival} on {where}",
             )
 
 

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.gap.analysis import analyse_gap
-from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import change_test, still_changed, with_always_missing
 from dynid.gap.known_errors import reversal_columns
 from dynid.gap.problem import make_problem
@@ -15,47 +13,6 @@ from dynid.gap.problem import make_problem
 def compared(problem):
     """Return which joints of a problem with old and new logs have changed."""
     return still_changed(problem, [])
-
-
-@pytest.mark.slow
-def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, kept):
-    problem = make_problem(twolinks.logs(plans=(5, 6), first=20), twolinks.base, kept, old)
-    assert compared(problem).joints == ()
-    seen = analyse_gap(
-        twolinks.logs(plans=(5, 6), first=20),
-        twolinks.base,
-        kept,
-        SelectionOptions(),
-        simulate=False,
-        earlier=old,
-    )
-    assert (seen.verdict.word, seen.verdict.named) == ("nothing_changed", ())
-
-
-@pytest.mark.slow
-def test_more_friction_is_named_with_its_size_on_its_joint_alone(
-    twolinks, old, kept, more_friction
-):
-    new = twolinks.logs(more_friction, plans=(5, 6), first=20)
-    problem = make_problem(new, twolinks.base, kept, old)
-    change = compared(problem)
-    assert 1 in change.joints
-    assert change.growth[1] > 1.2 > change.growth[0]
-    seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
-    (one,) = seen.verdict.named
-    assert (one.name, one.joints) == ("coulomb_change", (1,))
-    assert abs(one.values["c"] - 0.15) < 3 * one.std_errors["c"] < 0.03
-
-
-@pytest.mark.slow
-def test_what_was_always_there_is_no_change(twolinks, on_joint):
-    """A spring that the model lacks, in old and new logs alike."""
-    spring = lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])  # noqa: E731
-    old = twolinks.logs(spring, plans=(1, 2))
-    kept = twolinks.kept(old)
-    new = twolinks.logs(spring, plans=(5, 6), first=20)
-    seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
-    assert seen.verdict.named == ()
 
 
 @pytest.mark.parametrize(

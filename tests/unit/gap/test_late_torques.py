@@ -23,8 +23,8 @@ def test_torques_that_are_late_since_are_found_on_another_motion(twolinks, old, 
 def test_a_delay_that_its_slope_does_not_tell_is_named_with_its_size(twolinks, old, kept):
     seconds = 0.18
     new = twolinks.logs(plans=(5, 6), first=20, delay=seconds)
-    seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
-    (one,) = seen.verdict.named
+    seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), earlier=old)
+    (one,) = seen.named
     assert one.name == "torque_delay"
     assert abs(one.values["delay"] - seconds) < 3 * one.std_errors["delay"] < 0.02
 

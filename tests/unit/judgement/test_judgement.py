@@ -3,17 +3,17 @@
 import random
 from dataclasses import fields, replace
 
+import numpy as np
+
 from dynid.judgement import tuning
 from dynid.judgement.evidence import (
     Change,
-    EffectEvidence,
-    Event,
     Evidence,
-    GapEvidence,
     JointEvidence,
     Unseen,
     unseen_state,
 )
+from dynid.judgement.gap import Event, GapEffect, GapRecord, HeldOutImprovement
 from dynid.judgement.rules import judge
 from judgement import contradictions
 
@@ -57,11 +57,8 @@ WORDS = {
     "open": range(20),
     "question": ("numbers", "arm", "changed"),
     "more": ((), ("elbow",)),
-    "unrepeatable": ((), (), ("wrist",)),
+    "not_repeatable": ((), (), ("wrist",)),
     "events": ((), (), (Event("run.bag", "elbow", 14.0, 14.4, 15.0),)),
-    "instead": ((),),
-    "kept_rms": ((),),
-    "joints": (NAMES,),
     "changes": (
         None,
         (),
@@ -72,14 +69,9 @@ WORDS = {
     "unit": ("N m",),
     "log": ("run.bag",),
     "name": ("run.bag",),
-    "why_not": ("",),
-    "rivals": ((),),
 }
 #: Ranges of numbers that are no errors.
-RANGES = {
-    "seconds": (1, 100),
-    **dict.fromkeys(("known", "probability"), (1e-3, 1)),
-}
+RANGES = {"known": (1e-3, 1)}
 
 
 def some(kind, rng, **own):
@@ -101,18 +93,42 @@ def some(kind, rng, **own):
 
 
 def some_effect(rng, named):
-    sizes = (("fs", positive(rng), rng.choice((None, positive(rng))), "N m"),)
-    own = {"title": "Stribeck friction", "where": "elbow", "effect": "stribeck", "joint": "elbow"}
-    return some(EffectEvidence, rng, **own, sizes=sizes, named=named, corrected=False)
+    return GapEffect(
+        effect="stribeck",
+        title="Stribeck friction",
+        where="elbow",
+        sizes=(("fs", positive(rng), rng.choice((None, positive(rng))), "N m"),),
+        joint="elbow",
+        rms_before=positive(rng),
+        rms_after=positive(rng) if named else None,
+        probability=rng.choice((None, positive(rng, 1e-3, 1.0))),
+    )
+
+
+def errors_of(before, after, noise):
+    """Return held-out errors of joints, and their noise."""
+    before, after, noise = (np.array(each) for each in (before, after, noise))
+    return HeldOutImprovement(before, after, np.zeros((len(noise), 2)), noise, 0.0 * noise)
 
 
 def some_gap(rng):
-    named = [some_effect(rng, True)] * rng.choice((0, 0, 1, 2))
-    effects = (*named, *[some_effect(rng, False)] * rng.choice((0, 0, 1)))
-    before, after, noise = (tuple(positive(rng) for _ in NAMES) for _ in range(3))
-    errors = {"before": before, "after": after, "noise": noise}
-    return some(
-        GapEvidence, rng, ambiguous=bool(named) and rng.random() < 0.2, effects=effects, **errors
+    named = (some_effect(rng, True),) * rng.choice((0, 0, 1, 2))
+    verdict = rng.choice(("named", "named", "ambiguous") if named else ("unexplained",))
+    return GapRecord(
+        question=rng.choice(WORDS["question"]),
+        verdict=verdict,
+        named=named,
+        closest=(some_effect(rng, False),) * rng.choice((0, 0, 1)),
+        joint_names=NAMES,
+        improvement=errors_of(*([positive(rng) for _ in NAMES] for _ in range(3))),
+        not_repeatable=rng.choice(WORDS["not_repeatable"]),
+        logs=rng.choice(WORDS["logs"]),
+        repeats=rng.choice((0.0, 20.0)),
+        more=rng.choice(WORDS["more"]),
+        kept=rng.choice((None, positive(rng))),
+        expected=rng.choice((None, positive(rng))),
+        events=rng.choice(WORDS["events"]),
+        flags=rng.choice(WORDS["logs"]),
     )
 
 
@@ -155,10 +171,10 @@ def worse(evidence, seed):
         choices.append({"unseen": (replace(first, percent=factor * first.percent, rms=rms), *rest)})
     if gap is not None:
         more = [
-            {"before": tuple(3 * x for x in gap.before)},
-            {"effects": (*gap.effects, some_effect(rng, True))},
+            {"improvement": replace(gap.improvement, before=3 * gap.improvement.before)},
+            {"named": (*gap.named, some_effect(rng, True))},
             {"more": NAMES},
-            {"unrepeatable": NAMES},
+            {"not_repeatable": NAMES},
             *([{"kept": 3 * gap.kept}] if gap.kept is not None else []),
         ]
         choices += [{"gap": replace(gap, **each)} for each in more]
@@ -203,10 +219,11 @@ def test_nothing_is_missing_only_where_every_joint_is_at_its_noise_and_the_model
     says = judged.sentence.startswith(("No missing effect", "No change since"))
     gap = evidence.gap
     if says and gap is not None:
-        assert not gap.effects
+        assert not gap.named
+        assert not gap.likely
         assert not gap.more
         most = tuning.MISSING[not gap.repeats]
-        assert all(x <= most * allowed for x, allowed in zip(gap.before, gap.allowed, strict=True))
+        assert np.all(gap.improvement.before <= most * gap.improvement.allowed)
         assert not (gap.kept and gap.expected) or gap.kept <= tuning.EXPECTED[0] * gap.expected
         assert judged.light("complete").state == "good"
 
@@ -233,8 +250,11 @@ def test_a_wrist_that_misses_much_of_a_small_torque_does_not_make_the_arm_useles
 def test_a_search_says_nothing_of_a_replay_that_it_has_not_seen():
     joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
     loaded = Unseen("loaded.bag", 26.0, (2.6,), False, 1.4, True, "loaded.bag")
-    gap = GapEvidence(
-        "numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,), logs=("other.bag",)
+    gap = GapRecord(
+        question="numbers",
+        joint_names=("a",),
+        improvement=errors_of([0.1], [0.1], [0.09]),
+        logs=("other.bag",),
     )
     known = Evidence(result="out/arm/parameters.npz", joints=joints, unseen=(loaded,), gap=gap)
     judged = judge(known)
@@ -322,8 +342,11 @@ def test_a_replay_of_the_fitted_motion_that_is_far_off_is_a_change_and_no_noise_
 
 def test_an_event_comes_with_the_option_that_leaves_it_out():
     event = Event("run.bag", "elbow", 14.0, 14.42, 15.2)
-    gap = GapEvidence(
-        "numbers", joints=("elbow",), before=(1.0,), after=(1.0,), noise=(0.1,), events=(event,)
+    gap = GapRecord(
+        question="numbers",
+        joint_names=("elbow",),
+        improvement=errors_of([1.0], [1.0], [0.1]),
+        events=(event,),
     )
     judged = judge(Evidence(asked="gap", gap=gap, robot="my_arm.yaml"))
     assert "15 N m on elbow, from 14.0 to 14.4 s of run.bag" in judged.sentence

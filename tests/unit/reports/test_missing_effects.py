@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotAnArtifact
-from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement
-from dynid.gap.localisation import JointGap, ResidualRegion
-from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record
+from dynid.files.gapfile import SCHEMA, read_record
+from dynid.judgement.gap import GapEffect, GapRecord, HeldOutEffect, HeldOutImprovement, JointGap
 from dynid.npz import write_artifact
 from dynid.reports.gap_figures import effect_figure
 from dynid.reports.page import page
@@ -22,20 +21,19 @@ def record(gathered):
     names = gathered.robot.joint_names
     n = len(names)
     one = GapEffect(
-        "load_friction",
-        (0,),
-        names[:1],
-        names[0],
-        {"a": 0.05},
-        {"a": 0.002},
-        {"a": ""},
-        2e-5,
-        names[0],
-        0.9,
-        0.36,
-        "N m",
+        effect="load_friction",
+        title="friction that grows with the load",
+        where=names[0],
+        indices=(0,),
+        joints=names[:1],
+        sizes=(("a", 0.05, 0.002, ""),),
+        p_value=2e-5,
+        joint=names[0],
+        rms_before=0.9,
+        rms_after=0.36,
+        rival_keys=(("end_stop", (1,)),),
     )
-    regions = (ResidualRegion("speed", "slow", 4.0, 100), ResidualRegion("speed", "fast", 1.1, 100))
+    regions = (("speed", "slow", 4.0), ("speed", "fast", 1.1))
     joints = tuple(JointGap(j, 2.5, 1 / n, regions, "when slow") for j in range(n))
     improvement = HeldOutImprovement(
         np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3), np.zeros(n)
@@ -44,17 +42,14 @@ def record(gathered):
     curve = HeldOutEffect(np.sin(t), 0.9 * np.sin(t), np.cos(t), f"speed of {NASTY} [rad/s]")
     return GapRecord(
         robot=NASTY,
-        mode="refit",
         verdict="named",
         named=(one,),
-        closest=(replace(one, effect="stribeck", why_not=NASTY, rivals=("end_stop on x",)),),
-        alternatives=(("spring", "end_stop"),),
+        closest=(replace(one, effect="stribeck", why_not=NASTY),),
         advice=NASTY,
         joint_names=names,
         torque_units=tuple(joint.torque_unit for joint in gathered.robot.joints),
         joints=joints,
         improvement=improvement,
-        simulation=np.zeros((2, n)),
         heldout="the last",
         noise_from="repeats",
         noise_note="",
@@ -77,7 +72,7 @@ def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, 
         "a = 0.05 ± 0.002",
     ):
         assert text in section, text
-    assert "spring or end_stop" in section
+    assert "load_friction or end_stop" in section
     assert section.count("<img ") == 3
     assert "<b>x" not in html
 

@@ -323,14 +323,15 @@ def test_what_happened_once_is_told_with_the_option_that_leaves_it_out(arm):
     logs = [replace(each, source=Path(f"run{k}.csv")) for k, each in enumerate(logs)]
     logs[1] = replace(logs[1], tau=hit)
     found = find_gap(identify(arm, logs, feasible=False), logs, effects=EFFECTS)
-    assert found.events[0].joint == "elbow"
-    assert found.events[0].log == "run1.csv"
-    assert found.events[0].start < 7.0 < found.events[0].end
+    event = found.events[0]
+    assert event.joint == "elbow"
+    assert event.log == "run1.csv"
+    assert event.start < 7.0 < event.end
     assert found.judgement.sentence.startswith("A disturbance that does not repeat")
     again = next(x.command for x in found.judgement.steps if "--exclude" in x.command)
     assert all(f"run{k}.csv" in again for k in range(4)), "no log is lost"
     ends = [float(x) for x in again.rpartition("--exclude ")[2].split("-")]
-    assert ends == pytest.approx([found.events[0].start, found.events[0].end], abs=0.06)
+    assert ends == pytest.approx([event.start, event.end], abs=0.06)
 
 
 # ---------------------------------------------------------------- the next experiment
@@ -343,8 +344,12 @@ def left_open(gap, *rivals, verdict="ambiguous"):
     """The search as it would be if these fitted as well as its spring, and the elbow alone showed a gap."""
     spring = replace(
         gap.named[0],
-        values={"k1": 3.0, "c": 0.2, "order": 1.0, "constant": 1.0},
-        rivals=tuple(f"{effect} on elbow" for effect in rivals),
+        sizes=(
+            ("k1", 3.0, 0.1, "N m/rad"),
+            ("c", 0.2, 0.1, "N m"),
+            ("order", 1.0, 0.0, ""),
+            ("constant", 1.0, 0.0, ""),
+        ),
         rival_keys=tuple((effect, (1,)) for effect in rivals),
     )
     pairs = zip(gap.joints, (1.0, 3.0), strict=True)
