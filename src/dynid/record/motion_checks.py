@@ -174,11 +174,11 @@ def check_clearance(
     """
     motion = played.motion
     few = np.unique(np.linspace(0, len(motion) - 1, tuning.CLEARANCE_POSES).astype(int))
-    t, q = motion.t[few], motion.q[few]
+    t, q, capsules = motion.t[few], motion.q[few], Capsules(robot, scene)
     try:
-        distances = measure_poses(t, q, robot, urdf, scene)
+        distances = measure_poses(t, q, capsules, urdf)
     except PackageMissing:
-        distances = Capsules(robot, scene).distances(q, t)
+        distances = capsules.distances(q, t)
     require_clear(
         (d for d in distances if d.time < played.approach),
         fix=APPROACH_FIX,

@@ -319,10 +319,9 @@ def require_clear_motion(
         Collision: something comes too near.
         PackageMissing: PyBullet is missing and was asked for.
     """
-    robot, scene = context.robot, context.options.scene
-    missing = False
+    missing, capsules = False, context.capsules
     try:
-        distances = measure_poses(*poses_of(trajectory), robot, urdf, scene)
+        distances = measure_poses(*poses_of(trajectory), capsules, urdf)
     except PackageMissing:
         if drawing.needed:
             raise
@@ -334,10 +333,10 @@ def require_clear_motion(
         if paths:
             stage("draw")
             count = FRAMES if drawing.animation else STILLS
-            pictures = [] if missing else photographs(trajectory, robot, urdf, scene, count)
-            draw(drawing, trajectory, context.capsules, pictures)
+            pictures = [] if missing else photographs(trajectory, capsules, urdf, count)
+            draw(drawing, trajectory, capsules, pictures)
 
-    fix = clearance_fix(robot, guessed=urdf is None or missing)
+    fix = clearance_fix(context.robot, guessed=urdf is None or missing)
     try:
         require_clear(distances, drawing.picture if given else None, fix)
     except Collision:

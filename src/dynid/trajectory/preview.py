@@ -26,7 +26,7 @@ from dynid.trajectory.child import answers, working
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.scene import Distance, Scene
+from dynid.trajectory.scene import Distance
 
 #: Draws a motion into the files of a ``Drawing``, with the arm's capsules and PyBullet's pictures; where PyBullet is
 #: missing, the still alone without any.
@@ -51,17 +51,16 @@ class Drawing:
 
 
 def measure_poses(
-    t: Floats, q: Floats, robot: Robot, urdf: Path | None, scene: Scene
+    t: Floats, q: Floats, capsules: Capsules, urdf: Path | None
 ) -> tuple[Distance, ...]:
     """Measure distances at poses.
 
     Args:
         t: times, (N,) [s].
         q: poses in DH values, (N, n) [rad or m].
-        robot: the arm.
+        capsules: the arm, and floor, obstacles and wanted distances.
         urdf: its shapes; may have other link frames, but must have the same joint axes. None for cylinders along the DH
             table, whose thickness nobody has measured.
-        scene: floor, obstacles, wanted distances.
 
     Returns:
         The least distance of every checked pair, the closest pair first; distances end at 0.3 m.
@@ -70,14 +69,14 @@ def measure_poses(
         PackageMissing: PyBullet is not there.
         WrongUrdf: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    near = 0.0 if urdf else scene.self_distance
-    with _answered(t, q, robot, urdf, scene, near=near) as answer:
+    near = 0.0 if urdf else capsules.scene.self_distance
+    with _answered(t, q, capsules, urdf, near=near) as answer:
         distances: tuple[Distance, ...] = answer
         return distances
 
 
 def photographs(
-    trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene, count: int
+    trajectory: Trajectory, capsules: Capsules, urdf: Path | None, count: int
 ) -> list[Picture]:
     """Return so many pictures of a motion, spread over it.
 
@@ -85,13 +84,13 @@ def photographs(
         PackageMissing: PyBullet is not there.
         WrongUrdf: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    with _answered(*poses_of(trajectory), robot, urdf, scene, pictures=count) as answer:
+    with _answered(*poses_of(trajectory), capsules, urdf, pictures=count) as answer:
         pictures: list[Picture] = answer
         return pictures
 
 
 @contextmanager
-def window(trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene) -> Iterator[None]:
+def window(trajectory: Trajectory, capsules: Capsules, urdf: Path | None) -> Iterator[None]:
     """Show a motion in PyBullet's window for the length of the block.
 
     Raises:
@@ -99,7 +98,7 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene
     """
     if not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
-    with _answered(*poses_of(trajectory), robot, urdf, scene, window=True):
+    with _answered(*poses_of(trajectory), capsules, urdf, window=True):
         yield
 
 
@@ -155,9 +154,8 @@ def poses_of(trajectory: Trajectory) -> tuple[Floats, Floats]:
 def _answered(
     t: Floats,
     q: Floats,
-    robot: Robot,
+    capsules: Capsules,
     urdf: Path | None,
-    scene: Scene,
     **wanted: Any,  # noqa: ANN401
 ) -> Iterator[Any]:
     """Give what the child sends for a job, whose other attributes are ``wanted``, while it runs.
@@ -168,6 +166,7 @@ def _answered(
         WrongRobotFile: PyBullet cannot load it.
         NoDisplay: no window opened.
     """
+    robot = capsules.robot
     lower, upper = position_range(robot)
     random = np.random.default_rng(0).uniform(lower, upper, (tuning.BULLET_LEARNING_POSES, robot.n))
     with TemporaryDirectory() as folder, TemporaryFile() as log:
@@ -182,8 +181,8 @@ def _answered(
         job = Job(
             urdf=str(shapes.resolve()),
             names=names,
-            scene=scene,
-            room=Capsules(robot, scene).room(),
+            scene=capsules.scene,
+            room=capsules.room(),
             t=t,
             q=sign * (q - offset),
             random=sign * (random - offset),

@@ -115,7 +115,7 @@ class SafeMotion:
         Raises:
             NoDisplay: there is no display.
         """
-        return window(self.trajectory, self.robot, self.urdf, self.context.options.scene)
+        return window(self.trajectory, self.context.capsules, self.urdf)
 
 
 @dataclass(frozen=True, repr=False)

@@ -55,9 +55,8 @@ def measured(urdf):
     """Measures the way to a pose, on the URDF of the arm itself."""
 
     def measure(robot, *degrees, **scene):
-        return measure_poses(
-            *poses_of(towards(robot, *degrees)), robot, urdf(robot), Scene(**scene)
-        )
+        capsules = Capsules(robot, Scene(**scene))
+        return measure_poses(*poses_of(towards(robot, *degrees)), capsules, urdf(robot))
 
     return measure
 
@@ -96,7 +95,7 @@ def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
 
     look = Drawing(tmp_path / "a.png", tmp_path / "a.gif")
     plan = towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0)
-    pictures = photographs(plan, lwr.robot, urdf(lwr.robot), Scene(), FRAMES)
+    pictures = photographs(plan, Capsules(lwr.robot), urdf(lwr.robot), FRAMES)
     draw_motion(look, plan, Capsules(lwr.robot), pictures)
     still = np.asarray(Image.open(look.picture).convert("RGB")).astype(int)
     assert still.shape[0] > 600
@@ -124,7 +123,7 @@ def test_own_urdf_with_other_axes_or_without_a_joint_is_refused(lwr, urdf, k, ch
     other = replace(lwr.robot, joints=tuple(joints), driver=None)
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
     with pytest.raises(WrongUrdf, match=said):
-        measure_poses(*poses_of(plan), other, urdf(lwr.robot), Scene())
+        measure_poses(*poses_of(plan), Capsules(other), urdf(lwr.robot))
 
 
 def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
@@ -138,9 +137,9 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
         joints[k] = replace(joints[k], theta_offset=-offset[k])
     mapped = replace(lwr.robot, joints=tuple(joints), simulator=JointMap(sign, offset))
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
-    assert measure_poses(*poses_of(plan), mapped, path, Scene())
+    assert measure_poses(*poses_of(plan), Capsules(mapped), path)
     with pytest.raises(WrongUrdf, match="joint 'lwr_0_joint' is not where"):
-        measure_poses(*poses_of(plan), lwr.robot, path, Scene())
+        measure_poses(*poses_of(plan), Capsules(lwr.robot), path)
 
 
 def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(
@@ -149,7 +148,7 @@ def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_proc
     plan = towards(lwr.robot, *[0] * 6, 9)
     for display in ("", ":987"):
         monkeypatch.setenv("DISPLAY", display)
-        with pytest.raises(NoDisplay), window(plan, lwr.robot, urdf(lwr.robot), Scene()):
+        with pytest.raises(NoDisplay), window(plan, Capsules(lwr.robot), urdf(lwr.robot)):
             pass
 
 
@@ -160,9 +159,8 @@ def test_window_opens_on_a_virtual_display_and_closes_after_the_question(tmp_pat
     script = """
 from dynid.files.robotfile import load_robot
 from dynid.sim.urdf import urdf_text
-from dynid.trajectory.scene import Scene
 from dynid.trajectory.clearance import Capsules
-from dynid.trajectory.feasible import bounds, position_range
+from dynid.trajectory.feasible import bounds
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import window
 from pathlib import Path
@@ -170,7 +168,7 @@ import numpy as np
 robot = load_robot("kuka_lwr4plus")
 Path("arm.urdf").write_text(urdf_text(robot))
 plan = through_waypoints(np.array([np.zeros(7), np.full(7, 0.3)]), bounds(robot))
-with window(plan, robot, Path("arm.urdf"), Scene()):
+with window(plan, Capsules(robot), Path("arm.urdf")):
     print("open")
 """
     words = ["xvfb-run", "-a", "-s", "-screen 0 640x480x24", sys.executable, "-c", script]
@@ -186,8 +184,8 @@ def test_capsules_are_no_farther_than_the_cylinders_that_pybullet_measures(name)
     lower, upper = position_range(robot)
     q = np.random.default_rng(4).uniform(lower, upper, (40, robot.n))
     t = np.arange(40.0)
-    near = Capsules(robot).distances(q, t)
-    there = measure_poses(t, q, robot, None, Scene())
+    capsules = Capsules(robot)
+    near, there = capsules.distances(q, t), measure_poses(t, q, capsules, None)
     for kind in (True, False):
         capsules, cylinders = (
             min(d.distance for d in found if d.pair.endswith("floor") is kind and not d.usual)
