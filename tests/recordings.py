@@ -88,22 +88,3 @@ of_ros1, of_ros2 = partial(states_of, joint_state), partial(states_of, ros2_stat
 
 def write_bag(path, log, topic):
     return write_ros1(path, of_ros1(log, topic))
-
-
-def write_text(
-    path,
-    log,
-    delimiter=",",
-    comma=False,
-    head="",
-    unit=1.0,
-):
-    """Write a table in one dialect."""
-    words = ["t", *(f"{kind}_{name}" for kind in ("q", "tau") for name in log.names)]
-    rows = np.column_stack([log.t, log.q, log.tau])
-    lines = [head + delimiter.join(words)]
-    for row in rows.tolist():
-        cells = [repr(row[0]) if unit == 1.0 else str(round(row[0] * unit)), *map(repr, row[1:])]
-        lines.append(delimiter.join(cell.replace(".", ",") if comma else cell for cell in cells))
-    path.write_text("\n".join(lines) + "\n")
-    return path

@@ -6,18 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from dynid import LogOptions
 from dynid.errors import BagTruncated, DynidError
+from dynid.files.convert import write_log
 from dynid.files.logs import read_log
+from dynid.files.robotfile import parse_robot
 from dynid.signals.columns import take_samples
+from dynid.workflows.files import convert, inspected
 from makelogs import lwr, lwr_log
-from recordings import (
-    of_ros2,
-    single,
-    write_bag,
-    write_mcap,
-    write_rosbag2,
-    write_text,
-)
+from recordings import of_ros2, ros2_state, single, stamps, write_bag, write_mcap, write_rosbag2
 
 TOPIC = "/lwr/joint_states"
 FORMATS = {
@@ -33,12 +30,10 @@ FORMATS = {
     "MCAP, lz4": lambda log, at: write_mcap(at / "a.mcap", of_ros2(log, TOPIC), "lz4"),
     "MCAP": lambda log, at: write_mcap(at / "a.mcap", of_ros2(log, TOPIC)),
     "ROS 1 bag": lambda log, at: write_bag(at / "a.bag", log, TOPIC),
-    "CSV": lambda log, at: write_text(at / "a.csv", log),
-    "CSV, header in a comment, ns": lambda log, at: write_text(
-        at / "a.csv", log, ",", False, "# ", unit=1e9
-    ),
-    "TSV": lambda log, at: write_text(at / "a.tsv", log, "\t", True),
     "npz": lambda log, at: log.save(at / "a.npz"),
+    "converted to CSV": lambda log, at: convert(
+        write_rosbag2(at / "bag", of_ros2(log, TOPIC)), at / "new.csv"
+    ).wrote[0],
 }
 
 
@@ -108,3 +103,42 @@ def test_a_folder_whose_files_are_gone_is_an_error(log, tmp_path):
         part.unlink()
     with pytest.raises(DynidError, match=r"no \.db3 or \.mcap file"):
         read_log(bag, robot=lwr())
+
+
+# ---------------------------------------------------------------- converted, and told
+def test_names_that_break_a_table_are_written_out(log, tmp_path):
+    names = ('a,b;c"d\te', "line\nbreak", "=1+1", "\u202ereordered", *log.names[4:])
+    write_log(replace(log, names=names), tmp_path / "new.csv")
+    lines = (tmp_path / "new.csv").read_text(encoding="utf-8").split("\n")
+    assert len(lines) == len(log) + 2
+    assert len({line.count(",") for line in lines[:-1]}) == 1
+    assert lines[0].replace("\t", "").isprintable()
+
+
+def test_a_recording_without_a_robot_tells_what_to_paste(log, tmp_path):
+    found = inspected(write_rosbag2(tmp_path / "bag", of_ros2(log, TOPIC)), LogOptions())
+    assert found.facts["topics"] == [
+        {"name": TOPIC, "type": "sensor_msgs/JointState", "messages": 600}
+    ]
+    (state,) = found.facts["joint_states"]
+    assert state["rate_hz"] == pytest.approx(200.0)
+    joints = "".join(f"  - {{name: j{k}}}\n" for k in range(7))
+    text = f"name: x\nconvention: standard\njoints:\n{joints}{found.facts['snippet']}\n"
+    robot = parse_robot(text, tmp_path / "x.yaml")
+    assert robot.log_names == log.names
+    assert robot.driver.topic == TOPIC
+
+
+def test_joint_states_with_torques_go_before_commands_that_come_more_often(log, tmp_path):
+    few = take_samples(log, np.arange(0, 600, 3))
+    commands = [
+        ("/commands", ns, ros2_state(ns, log.names, q))
+        for ns, q in zip(stamps(log), log.q, strict=True)
+    ]
+    messages = sorted([*of_ros2(few, TOPIC), *commands], key=lambda entry: entry[1])
+    found = inspected(write_rosbag2(tmp_path / "bag", messages), LogOptions())
+    assert f"topic: {TOPIC}" in found.facts["snippet"]
+    assert ["no torques" in text for label, text in found.description if label == "units"] == [
+        False,
+        True,
+    ]
