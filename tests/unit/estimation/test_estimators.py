@@ -12,7 +12,6 @@ from dynid.estimation.least_squares import (
     condition_number,
     hac_covariance,
     judge,
-    long_run_variance,
     merge,
     ordinary,
     solve,
@@ -168,18 +167,6 @@ def test_intervals_cover_what_they_say(estimate, options):
     assert "rho" not in options or np.mean(textbook) < 0.70
 
 
-def test_moving_sums_are_newey_west():
-    rng = np.random.default_rng(0)
-    series, lags = [rng.standard_normal((40, 3)), rng.standard_normal((25, 3))], 6
-    expected = np.zeros((3, 3))
-    for s in series:
-        expected += s.T @ s
-        for lag in range(1, lags + 1):
-            gamma = s[lag:].T @ s[:-lag]
-            expected += (1 - lag / (lags + 1)) * (gamma + gamma.T)
-    assert np.allclose(long_run_variance(series, lags), expected)
-
-
 def slow_log(seed, instants=120, columns=24, cutoff=5.0, rate=20.0):
     """Many slow columns, and noise that has passed the filter: what is covered, errors as found and widened."""
     t = np.arange(instants) / rate
@@ -228,19 +215,14 @@ def test_parameters_that_the_log_hardly_tells_have_a_covariance_all_the_same():
 
 
 # ---------------------------------------------------------------- spikes
-@pytest.mark.parametrize("spikes", [0.0, 0.01])
-def test_one_percent_of_spikes_is_noticed(spikes):
-    rows = recording(spikes=spikes)
-    assert has_spikes(rows, plain(rows).theta) == (spikes > 0)
-
-
-@pytest.mark.parametrize("shape", ["wave", "square", "laplace"])
-def test_coloured_and_uniform_residuals_are_no_spikes(shape):
-    wave = np.sin(np.arange(2000)[:, None] / 50)
-    laplace = np.random.default_rng(1).laplace(size=(2000, 2))
-    noise = {"wave": wave, "square": np.sign(wave), "laplace": laplace}[shape]
-    W = recording().W
-    assert not has_spikes(Rows.of(W, W @ TRUTH + NOISE * noise), TRUTH)
+@pytest.mark.parametrize("noise", ["white", "wave", "square", "laplace", "spikes"])
+def test_one_percent_of_spikes_is_noticed_and_other_residuals_are_none(noise):
+    rows, wave = recording(spikes=0.01 * (noise == "spikes")), np.sin(np.arange(2000) / 50)[:, None]
+    shapes = {"wave": wave, "square": np.sign(wave)}
+    shapes["laplace"] = np.random.default_rng(1).laplace(size=(2000, 2))
+    if noise in shapes:
+        rows = replace(rows, tau=rows.W @ TRUTH + NOISE * shapes[noise])
+    assert has_spikes(rows, plain(rows).theta) == (noise == "spikes")
 
 
 def test_huber_removes_most_of_the_damage_of_spikes_and_costs_little_without_them():

@@ -1,6 +1,5 @@
 """A result is what it says: torques, intervals, text, and the same again from its file."""
 
-import copy
 import pickle
 from dataclasses import replace
 from types import SimpleNamespace
@@ -113,16 +112,12 @@ def test_the_torques_of_one_state_are_those_of_a_motion(described, tmp_path):
             assert tau == pytest.approx(whole[k], rel=1e-12, abs=1e-12 * np.abs(whole).max())
 
 
-@pytest.mark.parametrize(
-    "copied", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "copy"]
-)
-def test_a_result_pickles_and_copies_with_all_that_it_holds(result, copied):
+def test_a_result_pickles_with_all_that_it_holds(result):
+    """Also after it was asked for torques: what was derived for them is derived again."""
     _, q, qd, qdd = motion(result.robot, 1.0, 7)
     tau = result.inverse_dynamics(q[0], qd[0], qdd[0])
-    again = copied(result)
+    again = pickle.loads(pickle.dumps(result))
     assert np.array_equal(again.inverse_dynamics(q[0], qd[0], qdd[0]), tau)
-    assert again.summary() == result.summary()
-    assert again.stack.factors.tobytes() == result.stack.factors.tobytes()
     assert np.array_equal(again.stack.rows.W, result.stack.rows.W)
 
 

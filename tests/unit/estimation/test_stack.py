@@ -11,7 +11,7 @@ from dynid import Log
 from dynid.errors import RankDeficient
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import load_logs, on_time, stack_logs
+from dynid.estimation.stack import on_time, stack_logs
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
 from dynid.signals.conditioned_log import (
@@ -146,15 +146,6 @@ def test_links_that_are_not_identified_keep_the_prior_and_are_part_of_the_torque
     state = motion(base.robot, 5.0, 7)[1:]
     true = base.model.regressor(*state) @ gamma
     assert found.inverse_dynamics(*state) == pytest.approx(true, abs=1e-4)
-
-
-def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
-    found = stacked(base, simulated(base))
-    found.save(tmp_path / "fullnumericregressor.npz", {"robot": "x"})
-    sources, header = load_logs(tmp_path / "fullnumericregressor.npz")
-    again = stack_logs(sources, base)
-    assert again.factors == pytest.approx(found.factors, abs=1e-12)
-    assert header["robot"] == "x"
 
 
 def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
