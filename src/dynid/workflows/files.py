@@ -25,8 +25,8 @@ from dynid.model.from_urdf import import_arm
 from dynid.model.kinematics import tool_pose
 from dynid.options import LogOptions
 from dynid.robot import Robot, roll_pitch_yaw
+from dynid.signals.checks import describe
 from dynid.signals.columns import matching_columns
-from dynid.signals.describe import describe
 from dynid.text import shell
 from dynid.units import joint_unit
 from dynid.workflows.options import ImportOptions

@@ -10,9 +10,8 @@ from numpy.testing import assert_allclose
 from dynid import Log, load_robot
 from dynid.errors import LogTooShort
 from dynid.files.logs import read_log
-from dynid.signals.checks import prepare
+from dynid.signals.checks import describe, prepare
 from dynid.signals.columns import matching_columns, take_samples
-from dynid.signals.describe import describe
 from dynid.signals.motion import (
     bandwidth,
     check_amount,
