@@ -202,7 +202,8 @@ def _reported(result: Identification) -> Identification:
     assert result.stack is not None
     noise = noise_floor(result.stack, result.theta, result.model_error)
     if noise is not None:
-        facts = {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
+        rms, repeats = noise
+        facts = {"noise_floor_nm": rms.tolist(), "noise_repeats_s": repeats}
         result = replace(result, header=result.header | facts)
     stage("estimate", f"{METHOD_TEXT[result.method]}; {result.why}")
     stage("", f"{len(result.names)} base parameters; held out: {result.heldout}")
