@@ -27,7 +27,7 @@ from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.problem import make_problem
 from dynid.robot import Body
 from dynid.signals.checks import prepare
 from dynid.signals.columns import take_samples
@@ -101,13 +101,13 @@ class Kept:
         self.found = estimate(stack, method="wls", holdout=holdout, drop_weak=True)
         self.bare = self.look(self.log)
         alone = [source_of(self.log, self.base)]
-        alone = make_problem(alone, self.base, kept_model(self.found)).rows
+        alone = make_problem(alone, self.base, self.found).rows
         left = np.where(alone.use, alone.tau - alone.W @ self.found.plain, np.nan)
         self.residual = np.sqrt(np.nanmean(left**2, axis=0))
 
     def look(self, log):
         """Return what is said of a log beside the kept model."""
-        return look([log], self.base, kept_model(self.found), [self.source])
+        return look([log], self.base, self.found, [self.source])
 
     def gravity(self, q):
         rest, observer = np.zeros_like(q), self.base.observer

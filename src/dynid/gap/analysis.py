@@ -10,13 +10,14 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.estimation.least_squares import solvable
 from dynid.estimation.payload import IdentifiedPayload
+from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
-from dynid.gap.counterbalance import COUNTERBALANCE, counterbalances
+from dynid.gap.counterbalance import Suspicion, counterbalances
 from dynid.gap.delays import EffectSearch, search_effects
 from dynid.gap.held_out import held_out, held_out_improvement, rms_of
 from dynid.gap.localisation import localise_residual
-from dynid.gap.problem import KeptModel, judged_by_possible
+from dynid.gap.problem import judged_by_possible
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.verdict import advice_of, joints_with_more, refusal, verdict_of
 from dynid.judgement.gap import HeldOutImprovement, JointGap
@@ -71,7 +72,7 @@ class GapAnalysis:
 def analyse_gap(
     logs: Sequence[ConditionedLog],
     base: BaseModel,
-    kept: KeptModel | None,
+    kept: Identification | None,
     options: SelectionOptions,
     *,
     earlier: Sequence[ConditionedLog] = (),
@@ -95,17 +96,15 @@ def analyse_gap(
 
 
 @solvable()
-def with_counterbalances(analysis: GapAnalysis, joints: Sequence[int]) -> GapAnalysis:
+def with_counterbalances(analysis: GapAnalysis, suspected: Sequence[Suspicion]) -> GapAnalysis:
     """Return an analysis of what no numbers absorb with what only implausible links would absorb too.
 
     Args:
         analysis: the analysis.
-        joints: on which a counterbalance may be.
+        suspected: where a counterbalance may be.
     """
     search = analysis.search
-    if search.options.effects and COUNTERBALANCE not in search.options.effects:
-        return analysis
-    selected = counterbalances(search.problem, search.selected, joints)
+    selected = counterbalances(search.problem, search.selected, suspected)
     return _proved(replace(search, problem=judged_by_possible(search.problem), selected=selected))
 
 

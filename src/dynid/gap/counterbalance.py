@@ -213,29 +213,28 @@ def _beside_links(problem: GapProblem) -> Regression:
 
 
 def counterbalances(
-    problem: GapProblem, selected: Sequence[SelectedEffect], joints: Sequence[int]
+    problem: GapProblem, selected: Sequence[SelectedEffect], suspected: Sequence[Suspicion]
 ) -> list[SelectedEffect]:
     """Return the effects of a search with the counterbalances that links could only imitate implausibly.
 
     Args:
         problem: a search of what no numbers absorb.
         selected: effects that it found.
-        joints: on which a counterbalance may be.
+        suspected: where a counterbalance may be.
     """
-    every = {one.joint: one for one in suspicions(problem, selected) if one.joint in joints}
+    every = {one.joint: one for one in suspected}
     effects = [x for x in selected if x.name not in LOOKALIKES or x.joints[0] not in every]
     effect, bare = CATALOGUE[COUNTERBALANCE], _beside_links(problem)
-    for _ in joints:
+    for _ in every:
         likely = _suspected(with_selected(bare, effects), problem.base)
-        left = [each for each in likely if each.sure and each.joint in joints]
+        left = [each for each in likely if each.sure and each.joint in every]
         if not left:
             break
         best = max(left, key=lambda each: min(each.gains))
-        known = every.get(best.joint, best)
         columns = bare.columns_of(effect, (best.joint,), {})
         rms = {j: float(np.sqrt(np.mean((best.sizes[0] @ C) ** 2))) for j, C in columns.items()}
         joint = max(rms, key=lambda j: rms[j])
-        effects.append(replace(best.selected(joint, rms[joint]), rivals=known.rivals))
+        effects.append(replace(best.selected(joint, rms[joint]), rivals=every[best.joint].rivals))
     return effects
 
 

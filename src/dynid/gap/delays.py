@@ -10,10 +10,11 @@ from scipy.interpolate import CubicSpline
 from scipy.special import chdtrc
 
 from dynid.arrays import Floats
+from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.evidence import Rest
 from dynid.gap.known_errors import KnownErrors
-from dynid.gap.problem import GapProblem, KeptModel, make_problem
+from dynid.gap.problem import GapProblem, make_problem
 from dynid.gap.search import Search
 from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.strays import find_strays
@@ -57,7 +58,7 @@ class EffectSearch:
 def search_effects(
     logs: Sequence[ConditionedLog],
     base: BaseModel,
-    kept: KeptModel | None,
+    kept: Identification | None,
     options: SelectionOptions,
     earlier: Sequence[ConditionedLog] = (),
 ) -> EffectSearch:

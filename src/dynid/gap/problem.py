@@ -37,39 +37,24 @@ OPEN = 1e-12
 TRUST = 1.5
 
 
-@dataclass(frozen=True)
-class KeptModel:
-    """A model that is kept: what an earlier identification found.
-
-    Attributes:
-        theta: base parameters that the data gave, without a prior, (p,).
-        covariance: of them, (p, p); no spread along directions that the data left open.
-        unexplained: rms of what the model left of the torques when it was identified, of held-out ones if that is
-            more, (n,) [N m or N].
-    """
-
-    theta: Floats
-    covariance: Floats
-    unexplained: Floats
-
-    @property
-    def prior_rows(self) -> Floats:
-        """Rows [L^T, L^T theta] that hold parameters where they were, at most p of them, (r, p + 1)."""
-        size = np.sqrt(np.maximum(np.diag(self.covariance), 1e-18))
-        values, V = np.linalg.eigh(self.covariance / np.outer(size, size))
-        determined = values > OPEN * values[-1]
-        scale = TRUST * np.sqrt(np.maximum(values[determined], 1e-8))
-        root = (V[:, determined] / scale).T / size
-        return np.column_stack([root, root @ self.theta])
+def known_parameters(kept: Identification) -> Floats:
+    """Return rows [L^T, L^T theta] that hold base parameters where a model found them, (r, p + 1)."""
+    theta, covariance = kept.plain, kept.plain_covariance
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
+    values, V = np.linalg.eigh(covariance / np.outer(size, size))
+    determined = values > OPEN * values[-1]
+    scale = TRUST * np.sqrt(np.maximum(values[determined], 1e-8))
+    root = (V[:, determined] / scale).T / size
+    return np.column_stack([root, root @ theta])
 
 
-def kept_model(result: Identification) -> KeptModel:
-    """Return what an identification found as a model that is kept."""
-    left = np.einsum("jkp,p->jk", result.factors, np.append(-result.plain, 1.0))
-    rms = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(result.counts, 1))
+def unexplained_before(kept: Identification) -> Floats:
+    """Return the rms of what a model left of the torques when it was identified, (n,) [N m or N]."""
+    left = np.einsum("jkp,p->jk", kept.factors, np.append(-kept.plain, 1.0))
+    rms = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(kept.counts, 1))
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
-    unseen = np.array([joint.heldout_rms or 0.0 for joint in result.joints])
-    return KeptModel(result.plain, result.plain_covariance, np.maximum(rms, unseen))
+    unseen = np.array([joint.heldout_rms or 0.0 for joint in kept.joints])
+    return np.maximum(rms, unseen)
 
 
 @dataclass(frozen=True)
@@ -124,7 +109,7 @@ class GapProblem:
 def make_problem(
     logs: Sequence[ConditionedLog],
     base: BaseModel,
-    kept: KeptModel | None,
+    kept: Identification | None,
     earlier: Sequence[ConditionedLog] = (),
 ) -> GapProblem:
     """Arrange a search over conditioned logs.
@@ -135,14 +120,14 @@ def make_problem(
         kept: the model that is kept, None to refit it.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
     """
-    start = _first_guess(logs, base) if kept is None else kept.theta
+    start = _first_guess(logs, base) if kept is None else kept.plain
     reference = base.torques(start)
     rows = gap_rows(logs, base, reference, () if kept is None else earlier)
     repeats = find_repeats([rows.q[part] for part in rows.parts], rows.rate)
     rows, text = split(rows, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
     alone = kept is not None and not rows.compared
-    prior = kept.prior_rows if kept is not None and alone else None
-    first = unwhitened_fit(rows, nuisance=False)[0] if kept is None else kept.theta
+    prior = known_parameters(kept) if kept is not None and alone else None
+    first = unwhitened_fit(rows, nuisance=False)[0] if kept is None else kept.plain
     rows = with_reversals(rows, base, first)
     theta, residual = unwhitened_fit(rows, prior)
     if rows.compared:
@@ -158,7 +143,7 @@ def make_problem(
         of_all = unwhitened_fit(rows, nuisance=False)[1]
         # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
         left = searched_rms(rows, residual) / searched_rms(rows, of_all)
-        noise = with_misfit(noise, rows, residual, kept.unexplained * np.minimum(1.0, left))
+        noise = with_misfit(noise, rows, residual, unexplained_before(kept) * np.minimum(1.0, left))
     return GapProblem(base, rows, text, repeats, noise, theta, kept is not None, prior)
 
 

@@ -24,7 +24,6 @@ from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.regressor import Model, ModelTorques, prior_vector
-from dynid.options import LogOptions
 from dynid.progress import notice, stage
 from dynid.robot import Coulomb
 from dynid.signals import tuning
@@ -343,25 +342,33 @@ def condition_log(
 
 
 def condition_logs(
-    logs: Sequence[Log], model: Model, options: LogOptions = LogOptions()
+    logs: Sequence[Log],
+    model: Model,
+    *,
+    cutoff: float | None = None,
+    delay: float = 0.0,
+    measured_velocity: bool = False,
 ) -> list[ConditionedLog]:
     """Condition several logs with one filter, which has to serve all that are stacked.
 
     Args:
         logs: prepared logs.
         model: the model whose rows are wanted.
-        options: cut-off, velocity, and the delay, where None counts as zero.
+        cutoff: as for ``condition_log``; ``choose_cutoff`` when None [Hz].
+        delay: as for ``condition_log`` [s].
+        measured_velocity: as for ``condition_log``.
     """
-    cutoff = choose_cutoff(logs, model.robot) if options.cutoff is None else options.cutoff
-    delay, measured = options.delay or 0.0, options.velocity == "measured"
+    shared = choose_cutoff(logs, model.robot) if cutoff is None else cutoff
     found = []
     for k, log in enumerate(logs, start=1):
-        each = condition_log(log, model, cutoff=cutoff, delay=delay, measured_velocity=measured)
+        each = condition_log(
+            log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity
+        )
         found.append(replace(each, name=each.name or f"log {k}"))
         where = each.path or found[-1].name
         stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
         notice(each.findings)
-    how, chosen = "from the motion's band; " if options.cutoff is None else "", found[0].filter
+    how, chosen = "from the motion's band; " if cutoff is None else "", found[0].filter
     stage(
         "filter",
         f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}positions at "

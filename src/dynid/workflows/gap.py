@@ -33,7 +33,6 @@ from dynid.gap.apply import specs_of, stacked_with, write_robot
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.counterbalance import COUNTERBALANCE, Suspicion, suspicions
 from dynid.gap.localisation import NEGLIGIBLE
-from dynid.gap.problem import kept_model
 from dynid.gap.record import effect_of, new_name, record_of
 from dynid.judgement.evidence import Evidence
 from dynid.judgement.gap import GapEffect, GapRecord
@@ -44,6 +43,7 @@ from dynid.loading import (
     as_result,
     check_weight,
     checked_log,
+    condition_logs,
     load_log,
     load_run,
     parameters_of,
@@ -54,7 +54,7 @@ from dynid.progress import Progress, heard_by, stage
 from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.robot import EffectSpec, Robot
-from dynid.signals.conditioned_log import ConditionedLog, condition_logs, stretches
+from dynid.signals.conditioned_log import ConditionedLog, stretches
 from dynid.table import Table
 from dynid.text import closest
 from dynid.workflows.identify import identify
@@ -503,13 +503,13 @@ class _Search:
         analysis = analyse_gap(
             conditioned,
             base,
-            kept_model(result) if kept else None,
+            result if kept else None,
             wanted,
             earlier=before,
             possible=result.in_force == "physical",
         )
         if question == "arm":
-            analysis = with_counterbalances(analysis, wanted.joints or range(base.robot.n))
+            analysis = with_counterbalances(analysis, self._suspected(analysis))
         if kept:
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         gap = self._recorded(analysis, question, why)
@@ -522,12 +522,7 @@ class _Search:
         """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
         gap = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
         assert gap.analysis is not None
-        search, effects, joints = gap.analysis.search, self.wanted.effects, self.wanted.joints
-        suspected = [
-            one
-            for one in suspicions(search.problem, search.selected)
-            if (not effects or COUNTERBALANCE in effects) and (not joints or one.joint in joints)
-        ]
+        suspected = self._suspected(gap.analysis)
         names = self.result.robot.joint_names
         sought = [one for one in suspected if one.searched]
         if not sought:
@@ -538,11 +533,19 @@ class _Search:
             for one in sought
         )
         why = f"{gap.asked} {' and '.join(reasons)}: {ASKED['arm']}"
-        analysis = with_counterbalances(gap.analysis, [one.joint for one in sought])
+        analysis = with_counterbalances(gap.analysis, sought)
         if any(one.name == COUNTERBALANCE for one in analysis.named):
             of_arm = self._recorded(analysis, "arm", why)
             return replace(of_arm, recordings=gap.recordings, signals=gap.signals)
         return _with_likely(replace(gap, asked=why), sought)
+
+    def _suspected(self, analysis: GapAnalysis) -> list[Suspicion]:
+        """Return the counterbalances that an analysis makes likely, of what is searched for."""
+        search, effects, joints = analysis.search, self.wanted.effects, self.wanted.joints
+        if effects and COUNTERBALANCE not in effects:
+            return []
+        every = suspicions(search.problem, search.selected)
+        return [one for one in every if not joints or one.joint in joints]
 
     def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
         """Return an analysis as the answer to a question, without logs and signals."""

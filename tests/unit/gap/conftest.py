@@ -10,7 +10,7 @@ import twolink
 from dynid import BaseModel, Log
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_logs
-from dynid.gap.problem import kept_model, make_problem
+from dynid.gap.problem import make_problem
 from dynid.signals.conditioned_log import condition_log
 
 #: Standard deviation of the torque noise before the filter [N m].
@@ -53,7 +53,7 @@ class TwoLinkLogs:
     def kept(self, logs):
         """Return the model that logs give, to be kept."""
         stack = stack_logs(logs, self.base)
-        return kept_model(estimate(stack, method="wls", holdout=None))
+        return estimate(stack, method="wls", holdout=None)
 
     def problem(self, added=None, kept=None, **options):
         """Return the problem of such logs."""
