@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import Field, dataclass, field, fields
+from functools import partial
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -181,20 +182,14 @@ def numbers(value: Any, count: int = 0) -> tuple[float, ...]:  # noqa: ANN401
     return items
 
 
-def share(value: Any) -> float:  # noqa: ANN401
-    """Return a share between 0 and 1, written as ``20%`` or ``0.2``."""
+def quantity(value: Any, unit: str = "%", most: float = 1.0) -> float:  # noqa: ANN401
+    """Return a positive number below the largest one, with its unit or without; percent become a share."""
     text = str(value).strip()
-    number = number_or_nan(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
-    if not 0 < number < 1:
-        raise ValueError("it is not a share between 0 and 100 %")
+    number = number_or_nan(text.removesuffix(unit)) / (100.0 if text.endswith("%") else 1.0)
+    if not 0 < number < most:
+        shown = 100 * most if unit == "%" else most
+        raise ValueError(f"it is not a positive number of {unit} below {shown:g}")
     return number
-
-
-def _frequency(value: Any) -> float:  # noqa: ANN401
-    frequency = number_or_nan(value)
-    if not 0 < frequency < float("inf"):
-        raise ValueError("it is neither auto nor a frequency in Hz")
-    return frequency
 
 
 def _delay(value: Any) -> float:  # noqa: ANN401
@@ -229,7 +224,7 @@ class LogOptions(Options):
         "auto takes it from the band of the motion.",
         metavar="auto|HZ",
         nothing="auto",
-        read=_frequency,
+        read=partial(quantity, unit="Hz", most=MOST),
     )
     velocity: str | None = option(
         None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dynid.options import LEAST, Options, numbers, option, share
+from dynid.options import LEAST, Options, numbers, option, quantity
 
 if TYPE_CHECKING:
     from dynid.trajectory.scene import Box, Scene
@@ -24,7 +24,7 @@ def _weights(value: Any) -> tuple[float, ...]:  # noqa: ANN401
 
 
 def _margin(value: Any) -> float:  # noqa: ANN401
-    return 0.0 if str(value) in ("0", "0%", "0.0") else share(value)
+    return 0.0 if str(value) in ("0", "0%", "0.0") else quantity(value)
 
 
 def _box(value: Any) -> Box:  # noqa: ANN401

@@ -6,7 +6,6 @@ import importlib.metadata
 import os
 import platform
 import shutil
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -58,7 +57,7 @@ def doctor() -> Answer:
     checks = (*_packages(), *_ros(), *_surroundings())
     works = [check.name for check in checks if check.ok]
     missing = [check for check in checks if check.ok is False]
-    usable = not any(check.name in ("Python", *REQUIRED) for check in missing)
+    usable = not any(check.name in REQUIRED for check in missing)
     return Answer(
         {
             "schema": "dynid/doctor/1",
@@ -97,8 +96,7 @@ def version_lines() -> list[str]:
 
 
 def _packages() -> Iterator[Check]:
-    newer = sys.version_info >= (3, 10)
-    yield Check("Python", newer, platform.python_version(), "dynid needs Python 3.10 or newer")
+    yield Check("Python", True, platform.python_version())
     lost = {name: f"dynid as a whole: pip install {name}" for name in REQUIRED}
     preview = 'pip install "pybullet>=3.2.5" (3.12 and later: 8 minutes, needs a C++ compiler)'
     lost["PyBullet"] = f"preview, collision check: {preview}"

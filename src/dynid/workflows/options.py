@@ -19,7 +19,7 @@ from dynid.options import (
     number_or_nan,
     numbers,
     option,
-    share,
+    quantity,
 )
 from dynid.robot import EffectSpec, Prior
 from dynid.text import closest, whole_number
@@ -86,7 +86,7 @@ def _holdout(value: Any) -> Any:  # noqa: ANN401
         raise TypeError("it is neither a share nor a log")
     text = str(value)
     digits = text.removesuffix("%").replace(".", "", 1)
-    return share(value) if digits.isdigit() else Path(text)
+    return quantity(value) if digits.isdigit() else Path(text)
 
 
 def _effect_specs(value: Any) -> tuple[EffectSpec, ...]:  # noqa: ANN401
@@ -104,16 +104,6 @@ def _effect_specs(value: Any) -> tuple[EffectSpec, ...]:  # noqa: ANN401
             raise ValueError("it is no effect with numbers, such as viscous@joint_2:fv=4.5")
         specs.append(made)
     return tuple(specs)
-
-
-def _quantity(value: Any, unit: str, most: float) -> float:  # noqa: ANN401
-    """Return a positive number with a unit, up to the largest one; percent become a share."""
-    text = str(value).strip()
-    number = number_or_nan(text.removesuffix(unit)) * (0.01 if text.endswith("%") else 1.0)
-    if not 0 < number <= most:
-        shown = 100 * most if unit == "%" else most
-        raise ValueError(f"it is not a positive number of {unit} up to {shown:g}")
-    return number
 
 
 def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
@@ -249,7 +239,7 @@ class ValidateOptions(LogOptions):
         None,
         "Exit 1 if the total relative torque error is larger.",
         metavar="SHARE",
-        read=share,
+        read=quantity,
     )
     residual_model: bool | None = option(
         None,
@@ -289,7 +279,7 @@ class GapOptions(LogOptions):
         "1%",
         "Probability of naming an effect in logs where none is missing.",
         metavar="SHARE",
-        read=share,
+        read=quantity,
     )
     max_effects: int = option(3, "Largest number of effects that are selected.", bounds=(1, None))
 
@@ -362,7 +352,7 @@ class CompareOptions(Options):
         None,
         "Largest change of any number against the baseline; without it the noise is the measure.",
         metavar="SHARE",
-        read=share,
+        read=quantity,
     )
 
 
@@ -396,12 +386,12 @@ class RecordOptions(Options):
     speed: float = option(
         "100%",
         "Speed of the motion, as a share of the planned one.",
-        read=partial(_quantity, unit="%", most=10.0),
+        read=partial(quantity, most=10.0),
     )
     max_deviation: float = option(
         "0.15rad",
         "Stop the arm when a joint is further than this from the planned position [rad or m].",
-        read=partial(_quantity, unit="rad", most=1e3),
+        read=partial(quantity, unit="rad", most=1e3),
         deliberate=True,
     )
     master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).")
@@ -412,7 +402,7 @@ class RecordOptions(Options):
     timeout: float = option(
         "2s",
         "How long to wait for the ROS master and for messages [s].",
-        read=partial(_quantity, unit="s", most=86400.0),
+        read=partial(quantity, unit="s", most=86400.0),
     )
     accept_unreviewed: bool = option(
         False, "Play a motion whose preview nobody has confirmed.", deliberate=True

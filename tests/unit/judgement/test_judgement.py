@@ -66,12 +66,9 @@ WORDS = {
         (Change("m3", 1.0, 2.0, p_value=1e-5),),
         (Change("m3", 1.0, 2.0),) * 3,
     ),
-    "unit": ("N m",),
     "log": ("run.bag",),
     "name": ("run.bag",),
 }
-#: Ranges of numbers that are no errors.
-RANGES = {"known": (1e-3, 1)}
 
 
 def some(kind, rng, **own):
@@ -83,10 +80,12 @@ def some(kind, rng, **own):
             value = rng.choice(WORDS[each.name])
         elif "bool" in each.type:
             value = rng.random() < 0.5
+        elif "float" not in each.type:
+            continue
         elif "tuple" in each.type:
             value = tuple(positive(rng) for _ in NAMES) if rng.random() < 0.8 else ()
         else:
-            value = positive(rng, *RANGES.get(each.name, (1e-3, 1e2)))
+            value = positive(rng, 1e-3, 1 if each.name == "known" else 1e2)
         unknown = "None" in each.type and rng.random() < 0.2
         own[each.name] = None if unknown else value
     return kind(**own)
