@@ -284,6 +284,9 @@ class Plan(Answered, SafeMotion):
             ("plan", f"{kind}; {slow}"),
             ("limits", f"{used}; tool up to {self.check.tool_speed:.2f} m/s"),
         ]
+        if self.search is not None:
+            text = "{finished_starts} starts finished (end: {ended}); seed {seed}"
+            lines.append(("search", text.format(**self.search)))
         for near in self.clearance.distances[:1]:
             size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
             lines.append(
