@@ -187,8 +187,10 @@ def quantity(value: Any, unit: str = "%", most: float = 1.0) -> float:  # noqa: 
     text = str(value).strip()
     number = number_or_nan(text.removesuffix(unit)) / (100.0 if text.endswith("%") else 1.0)
     if not 0 < number < most:
-        shown = 100 * most if unit == "%" else most
-        raise ValueError(f"it is not a positive number of {unit} below {shown:g}")
+        # Why 100: shares are said in percent.
+        raise ValueError(
+            f"it is not a positive number of {unit} below {most * (100 if unit == '%' else 1):g}"
+        )
     return number
 
 
