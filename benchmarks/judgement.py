@@ -23,6 +23,7 @@ from dynid.errors import DynidError
 from dynid.estimation.stack import stack_logs
 from dynid.loading import load_robot, load_run
 from dynid.model.parameters import prior_bodies
+from dynid.options import LogOptions
 from dynid.robot import Prior
 from dynid.signals.conditioned_log import condition_logs
 from dynid.sim.sines import SineSpec, sines
@@ -268,7 +269,7 @@ def true_floor(case, result, unseen):
     arm, base = arm_of(case["arm"])
     sigma = case["noise"] * np.array([joint.limits.torque for joint in arm.joints])
     white = replace(unseen, tau=sigma * rng.standard_normal(unseen.tau.shape), sha256="white")
-    logs = condition_logs([white], base.model, cutoff=result.cutoff)
+    logs = condition_logs([white], base.model, LogOptions(cutoff=result.cutoff))
     stack = stack_logs(logs, base)
     return np.sqrt(np.sum(stack.factors[:, :, -1] ** 2, axis=1) / np.maximum(1, stack.counts))
 

@@ -19,11 +19,9 @@ from dynid.files.trajectoryfile import read_trajectory
 from dynid.files.urdffile import read_urdf
 from dynid.log import Log
 from dynid.model.from_urdf import import_arm
-from dynid.model.regressor import Model
 from dynid.motion import Motion
 from dynid.options import LogOptions
 from dynid.robot import Robot
-from dynid.signals import conditioned_log
 from dynid.signals.checks import prepare
 
 
@@ -137,7 +135,6 @@ def checked_log(
     options: LogOptions = LogOptions(),
     *,
     identify: bool = True,
-    alone: bool = True,
 ) -> Log:
     """Return a log in DH quantities of an arm, checked; one that is so already is not checked again.
 
@@ -153,7 +150,6 @@ def checked_log(
             exclude=options.exclude,
             sort_time=options.sort_time,
             identify=identify,
-            alone=alone,
         )
     if options.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))
@@ -162,19 +158,6 @@ def checked_log(
         if finding not in log.findings:
             log = replace(log, findings=(*log.findings, finding))
     return log
-
-
-def condition_logs(
-    logs: Sequence[Log], model: Model, options: LogOptions
-) -> list[conditioned_log.ConditionedLog]:
-    """Filter checked logs for a model, all with the same cut-off; a delay of None counts as zero."""
-    return conditioned_log.condition_logs(
-        logs,
-        model,
-        cutoff=options.cutoff,
-        delay=options.delay or 0.0,
-        measured_velocity=options.velocity == "measured",
-    )
 
 
 def diagnose_logs(logs: Sequence[Log], robot: Robot, options: LogOptions) -> tuple[Finding, ...]:

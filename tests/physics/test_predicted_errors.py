@@ -13,7 +13,7 @@ from dynid.estimation.least_squares import weighted
 from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
 from dynid.files.trajectoryfile import read_trajectory
-from dynid.loading import condition_logs
+from dynid.signals.conditioned_log import condition_logs
 from dynid.sim.arm import SimulatedArm, SimulatedRun, track
 from dynid.sim.plant import Sensors, read_plant
 from dynid.trajectory.basis import Quintic, basis_from

@@ -12,9 +12,9 @@ import yaml
 
 from dynid import LogOptions, find_gap, identify, load_log, load_robot, validate
 from dynid.estimation.rows import rows_of
-from dynid.loading import condition_logs
 from dynid.model import build_model
 from dynid.robot import Body
+from dynid.signals.conditioned_log import condition_logs
 from gap_real import ball_torque, read
 from real_arms import part
 

@@ -157,14 +157,16 @@ def estimate(
     if name == "iv":
         _require_followed(stack, plain)
     physical = method == "auto" if feasible is None else feasible
-
-    def in_force(post: Posterior, fit: Fit) -> Posterior:
-        none = post.changes[:, :0]
-        own = replace(post, theta=fit.theta, covariance=fit.covariance, error=None, changes=none)
-        return post if physical else own
-
     post = physical_posterior(plain, stack, residual_model=residual_model, size=size)
-    used = in_force(post, plain)
+    used = post
+    if not physical:
+        used = replace(
+            post,
+            theta=plain.theta,
+            covariance=plain.covariance,
+            error=None,
+            changes=post.changes[:, :0],
+        )
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, plain.covariance, post.theta)
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
@@ -230,7 +232,9 @@ def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQua
     return tuple(JointQuality(*row) for row in zip(stack.joints, *columns, strict=True))
 
 
-def _certainty(plain: Fit, used: Posterior, *, physical: bool) -> tuple[Floats, tuple[str, ...]]:
+def _certainty(
+    plain: Fit, used: Posterior | Fit, *, physical: bool
+) -> tuple[Floats, tuple[str, ...]]:
     """Return standard errors and how well each parameter is known.
 
     Directions that the log leaves open are infinite for the plain estimate; for the physical set they are as wide as
@@ -278,8 +282,7 @@ def _require_followed(stack: Stack, fit: Fit) -> None:
 def weakly_excited(stack: Stack) -> list[Finding]:
     """Return finding W402, which names the base parameters that the logs do not determine, the worst first."""
     fit = fitted(stack, "wls")
-    error = np.where(fit.open, np.inf, np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))
-    words = judge(fit.theta, error, fit.effect)
+    error, words = _certainty(fit, fit, physical=False)
     worst = np.argsort(-error / np.maximum(np.abs(fit.theta), np.finfo(float).tiny))
     weak = [stack.names[k] for k in worst if words[k] == NOT_DETERMINED]
     if not weak:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -20,20 +19,9 @@ from dynid.signals.motion import squares_apart
 Part: TypeAlias = tuple[Floats, Floats, Mask]
 
 
-@dataclass(frozen=True)
-class NoiseFloor:
-    """The noise of each joint.
-
-    Attributes:
-        rms: after the filter that the torques get, (n,) [N m or N].
-        repeats: seconds of repeated motion that it comes from; 0 where it is a lower bound.
-    """
-
-    rms: Floats
-    repeats: float
-
-
-def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) -> NoiseFloor | None:
+def noise_floor(
+    stack: Stack, theta: Floats, error: ModelError | None = None
+) -> tuple[Floats, float] | None:
     """Return the noise of the torques of a stack; None where its rows are too few, or gone.
 
     Two runs of one motion differ by what does not repeat, which is noise and nothing else. Without such runs, noise is
@@ -44,6 +32,10 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
         stack: the stacked logs.
         theta: base parameters, (p,).
         error: the residual model, None without.
+
+    Returns:
+        The rms of the noise after the filter that the torques get, (n,) [N m or N]; the seconds of repeated motion that
+        it comes from, 0 where it is a lower bound.
     """
     if not stack.logs:
         return None
@@ -53,9 +45,9 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
     differences = [each for pair in pairs for each in _difference(*pair, chosen)]
     seconds = sum(len(residual) for residual, _ in differences) / chosen.kept_rate
     if seconds >= tuning.SHORTEST_REPEAT_S:
-        return NoiseFloor(_rms(differences), float(seconds))
+        return _rms(differences), float(seconds)
     long = [part[1:] for part in parts if len(part[1]) >= tuning.SPECTRUM_ROWS]
-    return NoiseFloor(floor_from_spectrum(long, chosen), 0.0) if long else None
+    return (floor_from_spectrum(long, chosen), 0.0) if long else None
 
 
 def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Part]:

@@ -68,7 +68,6 @@ def prepare(
     exclude: Sequence[tuple[float, float]] = (),
     sort_time: bool = False,
     identify: bool = True,
-    alone: bool = True,
 ) -> Log:
     """Return the log in DH quantities of the robot, checked.
 
@@ -78,8 +77,8 @@ def prepare(
         robot: the arm, with its driver map.
         exclude: intervals to leave out, first and last time in the log's own clock [s].
         sort_time: whether samples are put in the order of their stamps.
-        identify: whether the log must also move enough to identify from (E313, E401).
-        alone: whether the amount of motion is judged here; of several logs their sum is.
+        identify: whether the log must also move enough to identify from (E313, E401); of several logs all together
+            must.
 
     Returns:
         The log with the robot's columns in chain order, warnings appended to its findings. A velocity that the driver
@@ -92,7 +91,7 @@ def prepare(
     log = without_intervals(log, exclude)
     if log.checked:
         log = robot_columns(log, robot)
-        few = check_amount([log], robot) if identify and alone else ()
+        few = check_amount([log], robot) if identify else ()
         return with_findings(log, *(finding for finding in few if finding not in log.findings))
     with located(log.topic):
         named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
@@ -115,7 +114,7 @@ def prepare(
         check_rate(log, robot)
         for check in (check_position_noise, check_zero):
             findings += check(log, robot)
-        if identify and alone:
+        if identify:
             findings += check_amount([log], robot)
     clipped = flat if robot.coupling is None else flat @ joint_of_motor(robot)
     extra = {**log.extra, "clipped": clipped} | ({} if in_dh else {"driver_columns": named})

@@ -24,6 +24,7 @@ from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.regressor import Model, ModelTorques, prior_vector
+from dynid.options import LogOptions
 from dynid.progress import notice, stage
 from dynid.robot import Coulomb
 from dynid.signals import tuning
@@ -342,33 +343,25 @@ def condition_log(
 
 
 def condition_logs(
-    logs: Sequence[Log],
-    model: Model,
-    *,
-    cutoff: float | None = None,
-    delay: float = 0.0,
-    measured_velocity: bool = False,
+    logs: Sequence[Log], model: Model, options: LogOptions = LogOptions()
 ) -> list[ConditionedLog]:
     """Condition several logs with one filter, which has to serve all that are stacked.
 
     Args:
         logs: prepared logs.
         model: the model whose rows are wanted.
-        cutoff: as for ``condition_log``; ``choose_cutoff`` when None [Hz].
-        delay: as for ``condition_log`` [s].
-        measured_velocity: as for ``condition_log``.
+        options: cut-off, velocity, and the delay, where None counts as zero.
     """
-    shared = choose_cutoff(logs, model.robot) if cutoff is None else cutoff
+    cutoff = choose_cutoff(logs, model.robot) if options.cutoff is None else options.cutoff
+    delay, measured = options.delay or 0.0, options.velocity == "measured"
     found = []
     for k, log in enumerate(logs, start=1):
-        each = condition_log(
-            log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity
-        )
+        each = condition_log(log, model, cutoff=cutoff, delay=delay, measured_velocity=measured)
         found.append(replace(each, name=each.name or f"log {k}"))
         where = each.path or found[-1].name
         stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
         notice(each.findings)
-    how, chosen = "from the motion's band; " if cutoff is None else "", found[0].filter
+    how, chosen = "from the motion's band; " if options.cutoff is None else "", found[0].filter
     stage(
         "filter",
         f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}positions at "

@@ -43,7 +43,6 @@ from dynid.loading import (
     as_result,
     check_weight,
     checked_log,
-    condition_logs,
     load_log,
     load_run,
     parameters_of,
@@ -54,7 +53,7 @@ from dynid.progress import Progress, heard_by, stage
 from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.robot import EffectSpec, Robot
-from dynid.signals.conditioned_log import ConditionedLog, stretches
+from dynid.signals.conditioned_log import ConditionedLog, condition_logs, stretches
 from dynid.table import Table
 from dynid.text import closest
 from dynid.workflows.identify import identify

@@ -40,7 +40,6 @@ from dynid.loading import (
     as_result,
     as_robot,
     checked_log,
-    condition_logs,
     diagnose_logs,
     load_log,
     load_run,
@@ -54,6 +53,7 @@ from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
 from dynid.robot import Known, Prior, Robot
 from dynid.runs import RunFolder
+from dynid.signals.conditioned_log import condition_logs
 from dynid.table import Table
 from dynid.text import yaml_text
 from dynid.workflows.model import base_model
@@ -202,7 +202,8 @@ def _reported(result: Identification) -> Identification:
     assert result.stack is not None
     noise = noise_floor(result.stack, result.theta, result.model_error)
     if noise is not None:
-        facts = {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
+        rms, repeats = noise
+        facts = {"noise_floor_nm": rms.tolist(), "noise_repeats_s": repeats}
         result = replace(result, header=result.header | facts)
     stage("estimate", f"{METHOD_TEXT[result.method]}; {result.why}")
     stage("", f"{len(result.names)} base parameters; held out: {result.heldout}")
@@ -241,7 +242,7 @@ def _held_out(seen: Observations, stack: Stack, options: IdentifyOptions) -> Hol
         return last_share(stack, kept)
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     log = as_log(kept, base.robot, same, "holdout")
-    checked = checked_log(log, base.robot, same, alone=False)
+    checked = checked_log(log, base.robot, same, identify=False)
     conditioned = condition_logs([checked], base.model, same)
     test = stack_logs(scaled(conditioned, base, stack.first_fit.theta), base)
     return stack, test, str(log.source or "log")

@@ -37,7 +37,6 @@ from dynid.loading import (
     as_logs,
     as_robot,
     checked_log,
-    condition_logs,
     load_robot,
     read_log,
 )
@@ -48,6 +47,7 @@ from dynid.progress import Progress, notice, stage
 from dynid.robot import Coulomb, Robot
 from dynid.runs import RunFolder
 from dynid.signals.columns import in_amperes as holds_currents
+from dynid.signals.conditioned_log import condition_logs
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
 from dynid.text import printable, yaml_text
@@ -197,10 +197,10 @@ def observe(
         stage("model")
         base = in_memory(robot)
     base = with_coulomb(base, robot.estimated_coulomb)
-    enough = not drop_weak
     alone = len(several) == 1
-    given = [checked_log(log, base.robot, options, identify=enough, alone=alone) for log in several]
-    few = check_amount(given, base.robot) if enough and not alone else ()
+    moving = alone and not drop_weak
+    given = [checked_log(log, base.robot, options, identify=moving) for log in several]
+    few = () if alone or drop_weak else check_amount(given, base.robot)
     checked, copies = without_copies(given)
     notice((*few, *copies))
     stack = stack_logs(condition_logs(checked, base.model, options), base)

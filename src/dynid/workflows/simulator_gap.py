@@ -11,12 +11,13 @@ from dynid.arguments import public
 from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.exporters.driven import drive
-from dynid.loading import LogLike, ResultLike, as_log, as_results, checked_log, condition_logs
+from dynid.loading import LogLike, ResultLike, as_log, as_results, checked_log
 from dynid.model.regressor import mass_matrices
 from dynid.options import LogOptions
 from dynid.progress import Progress, heard_by, stage
 from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import simulator_figure
+from dynid.signals.conditioned_log import condition_logs
 from dynid.sim import tuning
 from dynid.sim.comparison import SimulatorGap
 from dynid.workflows.export import identified_arm

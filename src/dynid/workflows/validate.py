@@ -32,12 +32,12 @@ from dynid.loading import (
     as_result,
     check_weight,
     checked_log,
-    condition_logs,
 )
 from dynid.progress import Progress, stage
 from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
 from dynid.runs import RunFolder
+from dynid.signals.conditioned_log import condition_logs
 from dynid.signals.motion import same_motion
 from dynid.table import Table
 from dynid.workflows.export import identified_arm

@@ -4,26 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from arms import dh_product
-from dynid import Robot, load_robot
+from arms import dh_product, random_robot
+from dynid import load_robot
 from dynid.model.kinematics import base_pose, link_frames, tip_jacobian, tool_pose
-from dynid.robot import Joint
-
-
-def scara(convention="modified"):
-    joints = (
-        Joint("a", a=0.3, twist=0.2, d=0.11),
-        Joint("b", a=0.25, twist=np.pi, theta_offset=0.4),
-        Joint("c", type="prismatic", twist=0.3, theta_offset=0.7, d=0.05),
-    )
-    return Robot("scara", convention, joints, base_xyz=(0.1, 0.2, 0.9), base_rpy=(0.1, 0.2, 0.3))
-
 
 ARMS = {
     "lwr": load_robot("kuka_lwr4plus"),
     "panda": load_robot("franka_panda"),
-    "scara": scara(),
-    "standard": scara("standard"),
+    "modified": random_robot(np.random.default_rng(6), 4, "modified"),
+    "standard": random_robot(np.random.default_rng(6), 4, "standard"),
 }
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from arms import tensor_of
 from dynid import Robot, load_robot
 from dynid.model.parameters import (
     DEFAULT_CYLINDERS,
@@ -88,9 +89,6 @@ def test_the_default_prior_is_physical():
     """Principal moments are positive and obey the triangle inequality on the arms that ship."""
     for name in ("kuka_lwr4plus", "kinova_gen2"):
         for body in prior_bodies(replace(load_robot(name), prior=None)):
-            tensor = np.zeros((3, 3))
-            i, j = np.triu_indices(3)
-            tensor[i, j] = tensor[j, i] = body.inertia_com
-            a, b, c = np.linalg.eigvalsh(tensor)
+            a, b, c = np.linalg.eigvalsh(tensor_of(body))
             assert a > 0
             assert a + b >= c

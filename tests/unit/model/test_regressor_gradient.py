@@ -1,53 +1,35 @@
 """The reverse sweep gives the derivatives that central differences of the forward program give."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynid import Robot, load_robot
+from arms import random_robot
+from dynid import load_robot
 from dynid.model.regressor import build_model
 from dynid.model.regressor_gradient import RegressorGradient
-from dynid.robot import Coulomb, Coupling, Joint
+from dynid.robot import Coulomb, Coupling
 
-ROBOTS = Path(__file__).parents[3] / "robots"
-
-
-def scara():
-    joints = (
-        Joint("a", a=0.3, twist=0.2),
-        Joint("b", a=0.25, twist=np.pi, theta_offset=0.4),
-        Joint("c", type="prismatic", twist=0.3, theta_offset=0.7),
-        Joint("d", d=0.1),
-    )
-    wide = Coulomb("smooth", (0.2,) * 4)
-    return Robot("scara", "modified", joints, gravity=(0.3, 0.1, -9.7), coulomb=wide)
-
-
-def coupled():
-    return replace(
-        scara(), coupling=Coupling(((100.0, 0, 0, 0), (0, 80, 0, 0), (0, 0, 50, 0), (0, 0, 30, 40)))
-    )
-
-
-def arms():
-    lwr = load_robot(ROBOTS / "kuka_lwr4plus.yaml")
-    return {
-        "lwr": lwr,
-        "gen2, wide Coulomb": replace(
-            load_robot(ROBOTS / "kinova_gen2.yaml"), coulomb=Coulomb("smooth", (0.3,) * 7)
-        ),
-        "threshold": replace(lwr, coulomb=Coulomb("threshold", (0.05,) * 7)),
-        "scara": scara(),
-        "coupled": coupled(),
-    }
+LWR = load_robot("kuka_lwr4plus")
+#: Three turning joints and one that slides, turned, with a wide change of friction's sign.
+MIXED = replace(
+    random_robot(np.random.default_rng(6), 4, "modified"), coulomb=Coulomb("smooth", (0.2,) * 4)
+)
+COUPLING = Coupling(((100.0, 0, 0, 0), (0, 80, 0, 0), (0, 0, 50, 0), (0, 0, 30, 40)))
+ARMS = {
+    "lwr": LWR,
+    "gen2, wide Coulomb": replace(load_robot("kinova_gen2"), coulomb=Coulomb("smooth", (0.3,) * 7)),
+    "threshold": replace(LWR, coulomb=Coulomb("threshold", (0.05,) * 7)),
+    "mixed": MIXED,
+    "coupled": replace(MIXED, coupling=COUPLING),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", arms())
+@pytest.mark.parametrize("name", ARMS)
 def test_gradient_is_that_of_central_differences_in_every_direction(name):
-    robot = arms()[name]
+    robot = ARMS[name]
     model = build_model(robot)
     rng = np.random.default_rng(1)
     columns = rng.permutation(model.size)[: model.size - 3]
@@ -66,7 +48,7 @@ def test_gradient_is_that_of_central_differences_in_every_direction(name):
 
 
 def test_entries_are_those_of_the_observer():
-    model = build_model(load_robot(ROBOTS / "kuka_lwr4plus.yaml"))
+    model = build_model(LWR)
     rng = np.random.default_rng(2)
     q, qd, qdd = rng.standard_normal((3, 40, 7))
     columns = rng.permutation(model.size)
