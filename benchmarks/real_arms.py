@@ -86,7 +86,7 @@ def pairs(data):
     yield from several("Shanghai motion", arm, logs, RUNS[::-1])
     arm = load_robot(data / "lbr_med7/med7.urdf")
     mirrored = JointMap((1.0,) * 7, (0.0,) * 7, (-1.0,) * 7)
-    arm = replace(arm, driver=DriverSpec("generic", None, arm.joint_names, mirrored))
+    arm = replace(arm, driver=DriverSpec("generic", mirrored, joint_names=arm.joint_names))
     log = load_log(data / "lbr_med7/med7.csv", arm)
     # Why 10 s: it moves for 9 s from 3.7 s on.
     yield begun(replace(arm, name="LBR Med 7"), log, 10.0)

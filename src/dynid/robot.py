@@ -204,9 +204,9 @@ class DriverSpec:
     """
 
     kind: str
-    topic: str | None
-    joint_names: tuple[str, ...]
     map: JointMap
+    topic: str | None = None
+    joint_names: tuple[str, ...] = ()
     units: dict[str, str] = field(default_factory=USUAL_UNITS.copy)
     columns: dict[str, str] = field(default_factory=dict)
 
@@ -425,9 +425,7 @@ class Robot(Answered):
     @property
     def columns(self) -> DriverSpec:
         """How the columns of a log become DH quantities: the file's driver, else columns that are DH quantities."""
-        return self.driver or DriverSpec(
-            "generic", None, (), JointMap((1.0,) * self.n, (0.0,) * self.n)
-        )
+        return self.driver or DriverSpec("generic", JointMap((1.0,) * self.n, (0.0,) * self.n))
 
     @property
     def log_names(self) -> tuple[str, ...]:

@@ -118,7 +118,6 @@ def ended(error: BaseException, words: Sequence[str], given: Mapping[str, Any]) 
         if label in said and not (label == "where" and mistake.where in mistake.what):
             echo(f"  {label:<7} {said[label]}")
     if given.get("json") or "--json" in words:
-        said = {key: text for key, text in facts.items() if text}
         answer = {"schema": "dynid/error/1", "status": int(mistake.status), "error": said}
         echo(json.dumps(answer, indent=2), err=False)
     return mistake.status
@@ -167,9 +166,9 @@ def _usage_error(error: click.ClickException) -> DynidError:
 
 def _crash(error: BaseException, words: Sequence[str], trace: str) -> DynidError:
     """Return a mistake of dynid, whose traceback is in a crash file where one can be written."""
-    command, here = " ".join(["dynid", *words]), os.environ.get("PWD", "")
+    command = f"command: {' '.join(['dynid', *words])}"
     facts = [*workflows.doctor.version_lines(), platform.platform()]
-    text = "\n".join([*facts, f"command: {command}", f"folder: {here}", "", trace])
+    text = "\n".join([*facts, command, "", trace])
     file = cache_folder() / f"crash-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}.txt"
     what, where = f"internal error: {type(error).__name__}: {error}"[:200], str(file)
     try:

@@ -24,7 +24,7 @@ from dynid.cli.prompt import Reply, ask, can_ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay
 from dynid.files.yamlfile import read_yaml
-from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.options import IN_PLAN_FILE, PlanOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
@@ -51,12 +51,10 @@ class View(NamedTuple):
 
 def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) -> Path | None:
     """Take options of PLAN.yaml as defaults, before those of other files."""
-    from dynid.files.planfile import OPTIONS
-
     if plan is not None:
         keys = read_yaml(plan).entries()
         take_defaults(
-            ctx, {key: keys[key] for key in OPTIONS if key in keys and not keys[key].is_null}
+            ctx, {key: keys[key] for key in IN_PLAN_FILE if key in keys and not keys[key].is_null}
         )
     return plan
 

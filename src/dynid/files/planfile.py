@@ -7,6 +7,7 @@ Waypoints are in DH angles; a CSV has one row per waypoint, one column per joint
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -39,19 +40,6 @@ _LAYOUT = {
     "fix": "write one row per waypoint: positions [rad or m] in the order of the joints, or a heading with their names",
 }
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
-
-#: Options that PLAN.yaml may set, all as numbers or words of the command line.
-OPTIONS = (
-    "alpha",
-    "duration",
-    "segments",
-    "basis",
-    "cost",
-    "margin",
-    "tool_speed",
-    "floor",
-    "rate",
-)
 
 
 @dataclass(frozen=True)
@@ -88,7 +76,6 @@ def _corners(value: Value) -> Corners:
 
 
 _KEYS: Keys = {
-    **dict.fromkeys(OPTIONS, or_null(TEXT)),
     "angle_unit": choice(*ANGLE),
     "waypoints": several(per_joint(coordinate)),
     "times": several(NUMBER),
@@ -97,11 +84,11 @@ _KEYS: Keys = {
 }
 
 
-def read_plan(path: Path, robot: Robot) -> PlanFile:
-    """Read a plan file."""
-    root = read_yaml(path)
-    keys = root.mapping(list(_KEYS))
-    given = root.within(angle_unit=unit_of(keys), joints=robot.joints).read(_KEYS)
+def read_plan(path: Path, robot: Robot, options: Sequence[str]) -> PlanFile:
+    """Read a plan file, which may also set some options of the command."""
+    root, readers = read_yaml(path), dict.fromkeys(options, or_null(TEXT)) | _KEYS
+    keys = root.mapping(list(readers))
+    given = root.within(angle_unit=unit_of(keys), joints=robot.joints).read(readers)
     waypoints = None
     if "waypoints" in given:
         q = np.array(given["waypoints"]).reshape(-1, robot.n)

@@ -220,7 +220,7 @@ def _driver(value: Value) -> DriverSpec:
                 where=value.where,
             )
     joint_map = _joint_map(value, given)
-    return DriverSpec(**{"topic": None, "joint_names": (), "map": joint_map, **given})
+    return DriverSpec(map=joint_map, **given)
 
 
 def _coupling(value: Value) -> Coupling:

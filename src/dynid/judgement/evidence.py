@@ -10,11 +10,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynid.judgement import tuning
-from dynid.judgement.gap import GapRecord
 from dynid.text import shell
+
+if TYPE_CHECKING:
+    from dynid.judgement.gap import GapRecord
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,8 @@ class Evidence:
     @cached_property
     def gap_evidence(self) -> GapRecord:
         """What the search found; a search that found nothing where there was none."""
+        from dynid.judgement.gap import GapRecord  # with NumPy, and help must be fast
+
         return self.gap or GapRecord()
 
     @property

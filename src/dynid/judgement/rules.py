@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dynid.judgement import tuning
 from dynid.judgement.evidence import (
@@ -25,9 +25,11 @@ from dynid.judgement.evidence import (
     worst,
     worst_of,
 )
-from dynid.judgement.gap import GapEffect
 from dynid.table import with_error
 from dynid.text import shell
+
+if TYPE_CHECKING:
+    from dynid.judgement.gap import GapEffect
 
 
 # ---------------------------------------------------------------- the answer

@@ -45,6 +45,20 @@ def _noise(value: Any) -> tuple[float, ...]:  # noqa: ANN401
     return noise
 
 
+#: Options that PLAN.yaml may set, all as numbers or words of the command line.
+IN_PLAN_FILE = (
+    "alpha",
+    "duration",
+    "segments",
+    "basis",
+    "cost",
+    "margin",
+    "tool_speed",
+    "floor",
+    "rate",
+)
+
+
 @dataclass(frozen=True)
 class PlanOptions(Options):
     """What is wanted of a motion."""

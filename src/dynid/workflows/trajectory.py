@@ -49,7 +49,7 @@ from dynid.trajectory.basis import basis_from
 from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
 from dynid.trajectory.limits import LimitCheck, require_within_limits
 from dynid.trajectory.optimise import optimise
-from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.options import IN_PLAN_FILE, PlanOptions
 from dynid.trajectory.plan import Trajectory, through_waypoints
 from dynid.trajectory.planning import (
     Clearance,
@@ -396,7 +396,7 @@ def with_plan_file(
     """Return the waypoints of a plan file, if there are any, and options with its surroundings."""
     if plan is None:
         return None, options
-    written, workspace = read_plan(plan, robot), options.workspace
+    written, workspace = read_plan(plan, robot, IN_PLAN_FILE), options.workspace
     if written.workspace is not None:
         workspace = workspace or Box(*written.workspace)
     obstacles = (*(Box(*corners) for corners in written.obstacles), *options.obstacles)

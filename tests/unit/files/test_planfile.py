@@ -8,6 +8,7 @@ import pytest
 from dynid import load_robot
 from dynid.errors import DynidError
 from dynid.files.planfile import read_plan, read_waypoints
+from dynid.trajectory.options import IN_PLAN_FILE
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "kuka_lwr4plus.yaml")
 ROW = "0, 10, 20, 30, 40, 50, 60"
@@ -28,7 +29,7 @@ times: [0, 4]
 obstacles: [{{lower: [0.5, 0.2, 0], upper: [0.3, 0.4, 1]}}]
 workspace: {{lower: [-1, -1, 0], upper: [1, 1, 2]}}
 """
-    plan = read_plan(given(tmp_path / "p.yaml", text), ROBOT)
+    plan = read_plan(given(tmp_path / "p.yaml", text), ROBOT, IN_PLAN_FILE)
     assert np.allclose(plan.waypoints.q[0], np.radians([0, 10, 20, 30, 40, 50, 60]))
     assert np.array_equal(plan.waypoints.times, [0, 4])
     assert plan.obstacles == (((0.3, 0.2, 0.0), (0.5, 0.4, 1.0)),)
@@ -73,4 +74,4 @@ def test_broken_waypoints_are_named(tmp_path, text, code, words):
 
 def test_unknown_key_of_a_plan_is_named_with_its_line(tmp_path):
     with pytest.raises(DynidError, match=r"p.yaml:2: unknown key 'aplha'; did you mean 'alpha'"):
-        read_plan(given(tmp_path / "p.yaml", "segments: 4\naplha: 0.2\n"), ROBOT)
+        read_plan(given(tmp_path / "p.yaml", "segments: 4\naplha: 0.2\n"), ROBOT, IN_PLAN_FILE)

@@ -72,7 +72,7 @@ def test_trajectory_of_another_arm_is_refused(tmp_path):
 def test_joint_trajectory_speaks_the_drivers_language(tmp_path):
     sign, offset = (1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0), (0.0, 1.0, 0.0, 0.0, 0.5, 0.0, 0.0)
     names = tuple(f"arm_{k}" for k in range(7))
-    driven = replace(ROBOT, driver=DriverSpec("generic", None, names, JointMap(sign, offset)))
+    driven = replace(ROBOT, driver=DriverSpec("generic", JointMap(sign, offset), joint_names=names))
     write_joint_trajectory(tmp_path / "t.yaml", driven, stored().motion)
     message = yaml.safe_load((tmp_path / "t.yaml").read_text())
     assert message["joint_names"] == list(names)
