@@ -353,7 +353,7 @@ class Robot(Answered):
     @property
     def world_gravity(self) -> Floats:
         """Gravity in the world frame, (3,) [m/s^2]."""
-        return np.asarray(rotation_rpy(self.base_rpy) @ np.array(self.gravity))
+        return rotation_rpy(self.base_rpy) @ np.array(self.gravity)
 
     def travel(
         self, turning: tuple[float, float], sliding: tuple[float, float]

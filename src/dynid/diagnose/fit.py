@@ -53,7 +53,7 @@ class Columns:
     @cached_property
     def basis(self) -> Floats:
         """Orthogonal columns of what each joint has of its own, (K, n, N, 4)."""
-        return np.asarray(np.linalg.qr(self.own)[0])
+        return np.linalg.qr(self.own)[0]
 
     @cached_property
     def grams(self) -> Floats:
@@ -292,7 +292,7 @@ def _left(columns: Floats, tau: Floats) -> Floats:
     kept = value > RANK * value[..., -1:]
     side = np.swapaxes(vector, -1, -2) @ (np.swapaxes(scaled, -1, -2) @ tau[..., None])
     fit = vector @ np.where(kept[..., None], side / np.where(kept, value, 1.0)[..., None], 0.0)
-    return np.asarray(np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1)))
+    return np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1))
 
 
 def _shared(columns: Columns, tau: Floats, has_say: Mask) -> Floats:
@@ -380,7 +380,7 @@ def _cone(
     scale = np.maximum(np.linalg.norm(corners, axis=0), 1e-12)
     solution = nnls(corners / scale, R[:, -1], maxiter=10 * corners.shape[1])[0] / scale
     left = stacked[:, -1] - stacked[:, :-1] @ (cone @ solution)
-    return np.asarray(np.sqrt(np.mean(left.reshape(len(parts), -1) ** 2, axis=1)) / weights)
+    return np.sqrt(np.mean(left.reshape(len(parts), -1) ** 2, axis=1)) / weights
 
 
 @lru_cache(maxsize=16)
@@ -416,4 +416,4 @@ def _points(body: Body) -> Floats:
     """Return places of equal masses that have a body's second moments about its centre, and the centre, (7, 3) [m]."""
     value, axes = np.linalg.eigh(second_moments(body.tensor) / max(body.mass, 1e-9))
     reach = np.sqrt(3.0 * np.maximum(value, 0.0)) * axes
-    return np.asarray(np.array(body.com) + np.vstack([reach.T, -reach.T, np.zeros((1, 3))]))
+    return np.array(body.com) + np.vstack([reach.T, -reach.T, np.zeros((1, 3))])

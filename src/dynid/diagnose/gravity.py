@@ -76,7 +76,7 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     t, q, tau = map(smoother(max(3, min(width, len(raw[0]) // 3))), raw)
 
     def slope(x: Floats) -> Floats:
-        return np.asarray(np.gradient(x, t, axis=0))
+        return np.gradient(x, t, axis=0)
 
     # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
     some = slice(2, -2, max(1, len(q) // 1000))
@@ -89,7 +89,7 @@ def _without(values: Floats, besides: list[Floats]) -> Floats:
     """Return what a constant and what else makes torque do not explain of a column, (N,)."""
     rest = np.column_stack([np.ones(len(values)), *besides])
     rest = rest / np.maximum(np.linalg.norm(rest, axis=0), 1e-12)
-    return np.asarray(values - rest @ np.linalg.lstsq(rest, values, rcond=1e-9)[0])
+    return values - rest @ np.linalg.lstsq(rest, values, rcond=1e-9)[0]
 
 
 def _share(load: Floats, tau: Floats, besides: list[Floats]) -> tuple[float, float] | None:

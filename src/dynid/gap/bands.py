@@ -143,7 +143,7 @@ class Bands:
         by_frequency = np.concatenate(
             [dct(part, norm="ortho", axis=-1) for part in motions], axis=1
         )
-        return np.asarray(by_frequency[:, self._order[0]].reshape(*x.shape[:-1], -1))
+        return by_frequency[:, self._order[0]].reshape(*x.shape[:-1], -1)
 
     def unrepeated(self, joint: int, x: Floats) -> Floats:
         """Return rows of a joint, (M,), less their mean over all times that each instant is driven; once, as they are.
@@ -155,7 +155,7 @@ class Bands:
         mean = np.bincount(self.place, x * use) / np.maximum(count, 1.0)
         again = np.where(count > 1.0, mean, 0.0)[self.place]
         scale = np.sqrt(np.where(count > 1.0, count / np.maximum(count - 1.0, 1.0), 1.0))
-        return np.asarray((x - again) * scale[self.place])
+        return (x - again) * scale[self.place]
 
     def products(self, one: Floats, other: Floats) -> Floats:
         """Return products of columns by frequency, (..., k, F) and (..., m, F), band by band, (B, ..., k, m)."""

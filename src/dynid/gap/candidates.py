@@ -253,7 +253,7 @@ class Gains:
 def squares(columns: Floats) -> Floats:
     """Return products of the k columns of each shape with each other, (G, k, k), of (m, G, k)."""
     each = columns.transpose(1, 2, 0)
-    return np.asarray(each @ each.swapaxes(1, 2))
+    return each @ each.swapaxes(1, 2)
 
 
 def gains(evidence: Evidence, one: Candidate) -> Gains:

@@ -198,7 +198,7 @@ class _Parts:
     def left(self, parts: Sequence[Floats], theta: Sequence[Floats]) -> Floats:
         """Return the root of the sum of squares that each joint leaves of parts, each with its fit, (n,)."""
         powers = [x @ part @ x for part, x in zip(parts, theta, strict=True)]
-        return np.asarray(np.sqrt(np.maximum(np.sum(powers, axis=0), 1e-30)))
+        return np.sqrt(np.maximum(np.sum(powers, axis=0), 1e-30))
 
     def growth(self, parts: Sequence[Floats]) -> Floats:
         """Return the rms of one fit to all parts over that of one for each, (n,)."""

@@ -45,7 +45,7 @@ STEPS, FIRST_STEPS = 8, 20
 
 def forward(root: Floats, right: Floats, trans: int = 0) -> Floats:
     """Return root^-1 times a right side, the root being lower; of a transposed root where ``trans`` is 1."""
-    return np.asarray(lapack.dtrtrs(root, right, lower=1, trans=trans)[0])
+    return lapack.dtrtrs(root, right, lower=1, trans=trans)[0]
 
 
 #: The same with root^-T.
@@ -101,7 +101,7 @@ class JointModel:
     @cached_property
     def plain(self) -> Floats:
         """Products over all bands, all alike."""
-        return np.asarray(self.grams.sum(axis=0))
+        return self.grams.sum(axis=0)
 
     @cached_property
     def weights(self) -> Floats:
@@ -126,7 +126,7 @@ class JointModel:
     @cached_property
     def information(self) -> Floats:
         """On [torque, T], R being eliminated, (t + 1, t + 1)."""
-        return np.asarray(self.gram[self.own :, self.own :] - self.towards.T @ self.towards)
+        return self.gram[self.own :, self.own :] - self.towards.T @ self.towards
 
     @property
     def log_evidence(self) -> float:
@@ -234,7 +234,7 @@ class Evidence:
     def covariance(self) -> Floats:
         """Of T, (t, t)."""
         half = forward(self.whole[0], np.eye(self.width))
-        return np.asarray(half.T @ half)
+        return half.T @ half
 
     @cached_property
     def log_evidence(self) -> float:

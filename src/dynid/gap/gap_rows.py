@@ -197,4 +197,4 @@ def moving(qd: Floats, rate: float) -> Mask:
     """Return which rows are not part of a rest, (M, n)."""
     width = max(1, round(DWELL_SECONDS * rate))
     rests = binary_opening(np.abs(qd) < REST_SPEED, np.ones((width + 1, 1)))
-    return np.asarray(~binary_dilation(rests, np.ones((2 * width + 1, 1))))
+    return ~binary_dilation(rests, np.ones((2 * width + 1, 1)))

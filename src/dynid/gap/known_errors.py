@@ -36,7 +36,7 @@ def velocity_error(raw_q: Floats, filtered: Filter) -> Floats:
     least = np.array([x[x > 0][0] if np.any(x > 0) else 0.0 for x in steps])
     share = min(1.0, 2 * filtered.position_cutoff / filtered.rate)
     noise = np.maximum(white_noise(raw_q), least / np.sqrt(12.0))
-    return np.asarray(2 * np.pi * filtered.position_cutoff / np.sqrt(3.0) * noise * np.sqrt(share))
+    return 2 * np.pi * filtered.position_cutoff / np.sqrt(3.0) * noise * np.sqrt(share)
 
 
 def with_reversals(rows: GapRows, base: BaseModel, theta: Floats) -> GapRows:
@@ -86,7 +86,7 @@ def reversal_columns(rows: GapRows, joint: int) -> Floats:
 def without_slow(x: Floats, seconds: float, t: Floats) -> Floats:
     """Return signals at times t, (..., N), less their mean over a Gauss bell of so many seconds."""
     width = seconds / float(np.median(np.diff(t)))
-    return np.asarray(x - gaussian_filter1d(x, width, mode="nearest"))
+    return x - gaussian_filter1d(x, width, mode="nearest")
 
 
 def error_columns(rows: GapRows) -> tuple[Floats, Floats]:
@@ -137,4 +137,4 @@ class KnownErrors:
         unsure = np.einsum("mjp,pq,mjq->mj", rows.W, self.covariance, rows.W, optimize=True)
         common, own = error_columns(rows)
         torque = np.tensordot(self.common, common, 1) + np.einsum("jc,jcm->jm", self.own, own)
-        return np.asarray(unsure + torque.T**2)
+        return unsure + torque.T**2

@@ -44,8 +44,6 @@ class NoiseModel:
         disturbed: whether repeats show a burst or a drift, (n,); not without them.
         count: integrated autocorrelation time of what is not whitened, in rows, (n,); 1 where rows are whitened.
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
-        misfit: joints whose floor is what a kept model left unexplained when it was identified, which is more than
-            noise.
     """
 
     ar: Floats
@@ -54,7 +52,6 @@ class NoiseModel:
     disturbed: Mask
     count: Floats
     repeats: float = 0.0
-    misfit: tuple[int, ...] = ()
 
     @classmethod
     def white(cls, sigma: Floats) -> NoiseModel:
@@ -80,16 +77,16 @@ class NoiseModel:
         without_peaks = np.maximum(
             np.minimum.accumulate(power), np.minimum.accumulate(power[::-1])[::-1]
         )
-        return np.asarray(np.max(power / without_peaks, axis=0))
+        return np.max(power / without_peaks, axis=0)
 
     def counting(self, rows: GapRows, joint: int) -> Mask:
         """Return which rows count, (M,): whitening takes the first ones of each part."""
-        return np.asarray(rows.use[:, joint] & (rows.at >= self.ar.shape[1]))
+        return rows.use[:, joint] & (rows.at >= self.ar.shape[1])
 
     def whiten(self, rows: GapRows, joint: int, x: Floats) -> Floats:
         """Return filtered columns of one joint, (..., M), as whitened rows that count, (..., M_j)."""
         white = whitened(x, self.ar[joint])[..., self.counting(rows, joint)]
-        return np.asarray(white / (self.sigma[joint] * self.count[joint] ** 0.5))
+        return white / (self.sigma[joint] * self.count[joint] ** 0.5)
 
 
 @dataclass(frozen=True)
@@ -242,7 +239,6 @@ def with_misfit(noise: NoiseModel, rows: GapRows, residual: Floats, level: Float
         ar=np.where(more[:, None], 0.0, noise.ar),
         sigma=np.where(more, level, noise.sigma),
         floor=np.where(more, level, noise.floor),
-        misfit=tuple(np.flatnonzero(more).tolist()),
         count=count,
     )
 
@@ -252,7 +248,7 @@ def yule_walker(covariance: Floats) -> Floats:
     if covariance[0] <= 0:
         return np.zeros(ORDER)
     column = covariance[:ORDER] * np.where(np.arange(ORDER) == 0, 1 + 1e-6, 1.0)
-    return np.asarray(solve_toeplitz(column, covariance[1:]))
+    return solve_toeplitz(column, covariance[1:])
 
 
 def whitened(x: Floats, ar: Floats) -> Floats:

@@ -171,7 +171,7 @@ def searched_rms(rows: GapRows, residual: Floats) -> Floats:
     """Return the root mean square of residuals, (M, n), over searched rows that count, (n,)."""
     use = rows.use & rows.train[:, None]
     power = np.sum(np.where(use, residual, 0.0) ** 2, axis=0)
-    return np.asarray(np.sqrt(np.maximum(power, 1e-30) / np.maximum(use.sum(axis=0), 1)))
+    return np.sqrt(np.maximum(power, 1e-30) / np.maximum(use.sum(axis=0), 1))
 
 
 def split(rows: GapRows, repeats: Sequence[RepeatPair], share: float) -> tuple[GapRows, str]:

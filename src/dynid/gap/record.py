@@ -10,7 +10,6 @@ from dynid.estimation.evidence import fingerprint
 from dynid.estimation.result import Identification
 from dynid.gap.analysis import GapAnalysis
 from dynid.gap.held_out import clue, held_out_effects
-from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.verdict import LIKELY, explained_share, joints_text, unrepeatable
 from dynid.judgement.gap import GapEffect, GapRecord
@@ -42,7 +41,9 @@ def record_of(
     """
     search, robot, names = analysis.search, result.robot, result.robot.joint_names
     problem, disturbed = search.problem, unrepeatable(search)
-    noise_from, noise_note = _noise_texts(problem, names)
+    noise_from = "the high frequencies of the residual, a lower bound because no motion is repeated"
+    if problem.noise.repeats:
+        noise_from = f"{problem.noise.repeats:.0f} s of repeats"
     left = dict.fromkeys((*analysis.remainder, *disturbed))
     return GapRecord(
         robot=robot.name,
@@ -57,7 +58,6 @@ def record_of(
         improvement=analysis.improvement,
         heldout=search.first.held_text,
         noise_from=noise_from,
-        noise_note=noise_note,
         not_repeatable=tuple(names[j] for j in disturbed),
         cannot_judge={name: tuple(joints) for name, joints in analysis.invisible.items()},
         logs=tuple(log.path for log in search.logs),
@@ -113,18 +113,3 @@ def effect_of(
             and abs(one.values["delay"] - result.delay) < 0.5 * abs(one.values["delay"])
         ),
     )
-
-
-def _noise_texts(problem: GapProblem, names: Sequence[str]) -> tuple[str, str]:
-    if problem.noise.repeats:
-        source = f"{problem.noise.repeats:.0f} s of repeats"
-    else:
-        source = "the high frequencies of the residual, a lower bound because no motion is repeated"
-    note = ""
-    if problem.rows.compared and problem.same_motion:
-        note = "same motion as the earlier logs: old and new are compared row by row"
-    elif problem.rows.compared:
-        note = "earlier and new logs are fitted together; the search looks for effects in the new logs only"
-    elif problem.noise.misfit:
-        note = f"the earlier residual was above the noise on {', '.join(names[j] for j in problem.noise.misfit)}"
-    return source, note

@@ -83,14 +83,14 @@ class Regression:
         length = np.where(length > 0, length, 1.0)
         values, V = np.linalg.eigh(gram / np.outer(length, length))
         kept = values > (WEAK if self.prior is None else WEAK_WITH_PRIOR) * values[-1]
-        return np.asarray(V[:, kept] / np.sqrt(values[kept]) / length[:, None])
+        return V[:, kept] / np.sqrt(values[kept]) / length[:, None]
 
     def solved(self, right: Floats) -> Floats:
         """Return the fit to products of all columns with torques, (w, ...), and to the prior."""
         if self.prior is not None:
             more = self.prior[:, :-1].T @ self.prior[:, -1]
             right[: self.base] += more.reshape(-1, *[1] * (right.ndim - 1))
-        return np.asarray(self.root @ (self.root.T @ right))
+        return self.root @ (self.root.T @ right)
 
     @cached_property
     def theta(self) -> Floats:

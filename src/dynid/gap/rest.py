@@ -28,7 +28,7 @@ def smooth(x: Floats, low: float, high: float, kind: tuple[int, float]) -> Float
     count, length = kind
     z = (x - 0.5 * (low + high)) / max(0.5 * (high - low), 1e-9)
     w = 0.5 * np.pi * np.arange(1, count + 1) / WIDER
-    return np.asarray(np.exp(-0.25 * (w * length) ** 2)[:, None] * np.sin(w[:, None] * (z + WIDER)))
+    return np.exp(-0.25 * (w * length) ** 2)[:, None] * np.sin(w[:, None] * (z + WIDER))
 
 
 def rest_columns(rows: GapRows, joint: int) -> dict[str, Floats]:

@@ -97,7 +97,7 @@ def closer(steps: Floats, wide: Floats, spread: Floats) -> Floats:
     variances, axes = np.linalg.eigh(spread / np.outer(wide, wide))
     least = CLOSER * np.linalg.norm(axes.T @ (steps / wide[:, None]), axis=1)
     half = np.maximum(WIDE * np.sqrt(np.maximum(variances, 0.0)), least)
-    return np.asarray(wide[:, None] * axes * (half / HALF))
+    return wide[:, None] * axes * (half / HALF)
 
 
 def resolves(steps: Floats, spread: Floats) -> bool:

@@ -164,6 +164,8 @@ class HeldOutImprovement:
         floor: the noise [N m or N].
         known: rms of what no effect has to explain, but for noise: what recorder, filter and reversals do, and base
             parameters that the searched rows leave unsure [N m or N].
+        simulated_before: position error of the forward simulation without the effects [rad or m].
+        simulated_after: and with them [rad or m].
     """
 
     before: Floats = field(default_factory=_nothing)
@@ -171,6 +173,8 @@ class HeldOutImprovement:
     ratio: Floats = field(default_factory=_nothing)
     floor: Floats = field(default_factory=_nothing)
     known: Floats = field(default_factory=_nothing)
+    simulated_before: Floats = field(default_factory=_nothing)
+    simulated_after: Floats = field(default_factory=_nothing)
 
     @property
     def allowed(self) -> Floats:
@@ -212,7 +216,6 @@ class GapRecord:
         improvement: the held-out error of each joint before and after all that is named.
         heldout: what was held out, in words.
         noise_from: where the noise floor comes from, in words.
-        noise_note: what else the noise floor allows for, in words.
         not_repeatable: names of joints with disturbances that do not repeat.
         cannot_judge: effects that these logs cannot show, with the 0-based joints; () for the whole arm.
         logs: where the logs came from.
@@ -242,7 +245,6 @@ class GapRecord:
     improvement: HeldOutImprovement = field(default_factory=HeldOutImprovement)
     heldout: str = ""
     noise_from: str = ""
-    noise_note: str = ""
     not_repeatable: tuple[str, ...] = ()
     cannot_judge: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     logs: tuple[str, ...] = ()

@@ -255,6 +255,9 @@ def warnings(e: Evidence) -> Iterator[str]:
     """Yield what several facts together warn of."""
     # The answer to a replay says it of that one.
     rows = e.unseen[:-1] if e.asked == "replay" else e.unseen
+    # A search may say why: the arm is another one there.
+    changed = e.gap_evidence.question == "changed" and e.gap_evidence.named
+    rows = tuple(row for row in rows if not changed or row.log not in e.gap_evidence.logs)
     most = max(rows, key=lambda unseen: unseen.surprise or 0.0, default=None)
     times = (most.surprise or 0.0) if most else 0.0
     if most and times > tuning.EXPECTED[0] and not at_noise(most, e):

@@ -155,7 +155,7 @@ def _cross(v: Vector) -> Vector:
 
 def _of_turning(w: Vector, dw: Vector) -> Vector:
     """Return what turns a place on a body into its acceleration against the body's origin (Paper Eq. 3), (3, 3)."""
-    return np.asarray(_cross(dw) + _cross(w) @ _cross(w))
+    return _cross(dw) + _cross(w) @ _cross(w)
 
 
 def _unit_wrenches(w: Vector, dw: Vector, dv: Vector) -> tuple[Vector, Vector]:

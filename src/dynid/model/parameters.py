@@ -180,7 +180,7 @@ def second_moments(inertia: Floats) -> Floats:
 
 def inertia_of(moments: Floats) -> Floats:
     """Return tr(S) - S: the inertia of a distribution of mass with second moments S, (..., 3, 3) [kg m^2]."""
-    return np.asarray(np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments)
+    return np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments
 
 
 def moved(body: Body, pose: Floats) -> Body:

@@ -50,7 +50,7 @@ class Friction:
     def slope(self, qd: Floats) -> Floats:
         """Return the derivative of ``torque`` by the velocity, (..., n) [N m s/rad or N s/m]."""
         steepness = 1 - np.tanh(np.divide(qd, self.velocity)) ** 2
-        return np.asarray(self.viscous + np.divide(self.coulomb, self.velocity) * steepness)
+        return self.viscous + np.divide(self.coulomb, self.velocity) * steepness
 
 
 class SimulatedArm:

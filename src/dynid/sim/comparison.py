@@ -46,12 +46,12 @@ class SimulatorGap(Answered):
     @property
     def position_rms(self) -> Floats:
         """Position error of each model and joint, (models, n) [rad or m]."""
-        return np.asarray(np.sqrt(np.mean((self.simulated - self.q) ** 2, axis=1)))
+        return np.sqrt(np.mean((self.simulated - self.q) ** 2, axis=1))
 
     @property
     def torque_rms(self) -> Floats:
         """Torque error of each model and joint, (models, n) [N m or N]."""
-        return np.asarray(np.sqrt(np.mean(self.added**2, axis=1)))
+        return np.sqrt(np.mean(self.added**2, axis=1))
 
     def table(self) -> Table:
         """Return one row per joint: position error of each model [mrad or mm]."""

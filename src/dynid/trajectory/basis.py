@@ -91,7 +91,7 @@ class Quintic:
 
         Source: Paper Eqs. 17-18; the boundary rates have to be multiplied by T and T^2, the length of the segment.
         """
-        return np.asarray(self._nodes.derivative(order)(t) @ self._free)
+        return self._nodes.derivative(order)(t) @ self._free
 
     def stationary(self, c: Floats, order: int = 0) -> list[tuple[Floats, Floats]]:
         """Return where a derivative of each joint may be extreme, (times,) [s], and its values there.

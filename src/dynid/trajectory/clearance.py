@@ -29,7 +29,7 @@ def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
         qd: joint velocities, (N, n) [rad/s or m/s].
     """
     jacobian = tip_jacobian(robot, link_frames(robot, q))
-    return np.asarray(np.linalg.norm(np.sum(jacobian * qd[:, :, None], axis=1), axis=1))
+    return np.linalg.norm(np.sum(jacobian * qd[:, :, None], axis=1), axis=1)
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class Capsules:
     def margin(self, q: Floats) -> Floats:
         """Return by how much everything keeps more than its wanted distance at poses, (N, n) [rad or m]; (N,) [m]."""
         lacks = [(near.distance - near.wanted).T for near in self._near(*self.ends(q))]
-        return np.asarray(np.vstack(lacks).min(axis=0, initial=np.inf))
+        return np.vstack(lacks).min(axis=0, initial=np.inf)
 
     def distances(self, q: Floats, t: Floats | None = None) -> tuple[Distance, ...]:
         """Return the least clearance between links, to floor and obstacles, and of the tool to its workspace.

@@ -104,7 +104,7 @@ def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = 
 def rest_time(distance: Floats, velocity: Floats, acceleration: Floats) -> Floats:
     """Return how long quintics from rest to rest take over distances, (..., n) [s], within these limits, (n,)."""
     fast, hard = _REST_SPEED * distance / velocity, _REST_ACCELERATION * distance / acceleration
-    return np.asarray(np.maximum(fast, np.sqrt(hard)))
+    return np.maximum(fast, np.sqrt(hard))
 
 
 def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:

@@ -246,7 +246,7 @@ def clear_pose(context: PlanningContext) -> Floats:
     q = np.random.default_rng(0).uniform(lower, upper, (tuning.CLEAR_POSES, len(lower)))
     # One by one: where the nearest link is one that no joint lifts, rounding chooses, and many at once round otherwise.
     margins = [context.capsules.margin(pose[None])[0] for pose in q]
-    return np.asarray(q[np.argmax(margins)])
+    return q[np.argmax(margins)]
 
 
 def require_safe(context: PlanningContext, trajectory: Trajectory) -> LimitCheck:

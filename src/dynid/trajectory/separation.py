@@ -116,7 +116,7 @@ def _basis(A: Floats) -> Floats:
     scaled = A[:, kept] / size[kept]
     values, V = np.linalg.eigh(scaled.T @ scaled)
     strong = values > tuning.WEAK_DIRECTION_SHARE * values.max(initial=1e-300)
-    return np.asarray(scaled @ (V[:, strong] / np.sqrt(values[strong])))
+    return scaled @ (V[:, strong] / np.sqrt(values[strong]))
 
 
 # ---------------------------------------------------------------- search

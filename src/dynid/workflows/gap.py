@@ -163,7 +163,6 @@ class Gap(Judged, GapRecord):
             "asked": self.asked,
             "not shown": f"these logs cannot show: {hidden}" if hidden else "",
         }
-        noise = "; ".join(filter(None, [f"from {self.noise_from}", self.noise_note]))
         return Answer(
             self.facts(),
             parts=(self.judgement, self.joint_table()),
@@ -174,7 +173,7 @@ class Gap(Judged, GapRecord):
                 *filter(None, (self.advice,)),
                 self.table(),
             ),
-            notes=(("noise", f"{noise}; held out: {self.heldout}"),),
+            notes=(("noise", f"from {self.noise_from}; held out: {self.heldout}"),),
             next=self.judgement.steps,
         )
 
@@ -186,6 +185,8 @@ class Gap(Judged, GapRecord):
             "heldout_after_nm": "after",
             "noise_floor_nm": "floor",
             "ratio_interval": "ratio",
+            "simulation_before": "simulated_before",
+            "simulation_after": "simulated_after",
         }
         return {
             "schema": "dynid/gap/1",
@@ -203,8 +204,6 @@ class Gap(Judged, GapRecord):
             "gap": {
                 "joints": list(names),
                 **picked(self.improvement, **errors),
-                "simulation_before": None,
-                "simulation_after": None,
                 **picked(self, "heldout", "noise_from"),
             },
             "cannot_judge": {
@@ -626,7 +625,7 @@ class _Search:
         counts = np.array([each.motion.usable.sum(axis=0) for each in replays])
         squares = np.array([[joint.rms**2 for joint in each.joints] for each in replays])
         mean = np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0))
-        return np.asarray(np.sqrt(mean))
+        return np.sqrt(mean)
 
     @heard_by()
     def _replays(

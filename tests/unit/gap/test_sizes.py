@@ -7,7 +7,7 @@ import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.delays import search_effects
-from dynid.gap.held_out import held_out, held_out_improvement
+from dynid.gap.held_out import held_out, held_out_improvement, simulated_error
 
 OFFSET = 0.12
 
@@ -90,12 +90,6 @@ def test_the_held_out_gap_shrinks_to_the_noise_where_the_effect_was(offset):
     assert found.ratio[1, 1] < 1.0
 
 
-def test_without_effects_nothing_shrinks(offset):
-    found = improvement(offset, [])
-    np.testing.assert_array_equal(found.before, found.after)
-    np.testing.assert_allclose(found.ratio, 1.0)
-
-
 def test_a_stribeck_hump_is_fitted_to_its_optimum(twolinks, on_joint):
     """Height, width and exponent form a valley that steps along single parameters do not leave."""
     law = lambda v: 0.6 * np.exp(-np.abs(v) / 0.15) * np.tanh(v / twolink.SMOOTH)  # noqa: E731
@@ -114,3 +108,13 @@ def test_a_delay_is_taken_out_and_the_search_goes_on(twolinks, on_joint):
     assert offset.key == ("torque_offset", (1,))
     assert late.values["delay"] == pytest.approx(0.008, rel=0.03)
     assert abs(late.values["delay"] - 0.008) < 4 * late.std_errors["delay"] < 4e-3
+
+
+def test_a_torque_that_is_left_drives_a_joint_as_its_inertia_says(clean):
+    """0.1 N m on the second joint for half a second, from rest: t^2 / 2 over the inertia of its link."""
+    rows = clean.rows
+    left = np.where(rows.held[:, None], [0.0, 0.1], np.nan)
+    inertia = twolink.INERTIA[1] + twolink.MASS[1] * twolink.COM[1] ** 2
+    t = np.arange(1, round(0.5 * rows.rate) + 1) / rows.rate
+    expected = np.sqrt(np.mean((0.5 * 0.1 / inertia * t**2) ** 2))
+    np.testing.assert_allclose(simulated_error(clean, left), [0.0, expected], rtol=0.1)

@@ -52,7 +52,6 @@ def record(gathered):
         improvement=improvement,
         heldout="the last",
         noise_from="repeats",
-        noise_note="",
         not_repeatable=(names[0],),
         cannot_judge={"base_tilt": (), "spring": (0, 1)},
         logs=(NASTY,),
