@@ -53,7 +53,7 @@ def command(session: Session, robot: str, effect: str | None) -> Answer:
     facts = all_loops(session, told, arm, robot, session.out or top / arm.slug)
     truth = str(told[-1])
     if robot == workflows.demo.ROBOT:
-        story = find_hidden(session, told, "random", top / "effect")
+        story = find_hidden(session, told, "spring", top / "effect")
         session.show(story)
         facts |= {key: story.facts[key] for key in ("hidden", "right", "gap")}
     page = write_demo_page(top / "index.html", arm.name, told, program())

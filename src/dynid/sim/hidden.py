@@ -43,7 +43,7 @@ class Hidden:
 #: One case each, of a size that an arm like the LWR4+ can show.
 CASES = (
     Hidden("nothing", 2, 0.0),
-    Hidden("spring", 1, 1.5),
+    Hidden("spring", 6, 0.5),
     Hidden("torque_gain", 3, 0.06),
     Hidden("knock", 2, 0.6),
 )
