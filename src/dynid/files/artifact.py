@@ -16,6 +16,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
 from dynid.npz import HEADER, read_npz
 from dynid.text import whole_number
@@ -113,7 +114,7 @@ def require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
 def read_header(path: Path) -> dict[str, Any]:
     """Return only the header of a result file, empty when it is none."""
     try:
-        return dict(json.loads(str(read_npz(path, HEADER)[HEADER])))
+        return json.loads(str(read_npz(path, HEADER)[HEADER]))
     except (OSError, *_DAMAGE, TooLarge):
         return {}
 
@@ -147,7 +148,8 @@ def packed(value: Any, arrays: dict[str, NDArray[Any]], name: str) -> Any:  # no
 def unpacked(kind: Any, stored: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:  # noqa: ANN401
     """Return the value of a type that ``packed`` was given; sequences come back as tuples."""
     origin, inner = get_origin(kind), get_args(kind)
-    if origin is np.ndarray:
+    # Why so: from NumPy 2.5 on it is no longer np.ndarray.
+    if origin is get_origin(Floats):
         return arrays[stored]
     if origin is UnionType:
         return None if stored is None else unpacked(inner[0], stored, arrays)

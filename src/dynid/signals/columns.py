@@ -162,7 +162,7 @@ def joint_of_motor(robot: Robot) -> Mask:
     """Return which joints' torques a motor's torque goes into, (n motors, n joints)."""
     if robot.coupling is None:
         return np.eye(robot.n, dtype=bool)
-    return np.asarray(np.array(robot.coupling.matrix) != 0.0, dtype=bool)
+    return np.array(robot.coupling.matrix) != 0.0
 
 
 def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
