@@ -51,7 +51,9 @@ def command(session: Session, robot: str, effect: str | None) -> Answer:
         return find_hidden(session, told, effect, session.out or top / "effect")
     arm = dynid.load_robot(robot)
     facts = all_loops(session, told, arm, robot, session.out or top / arm.slug)
-    truth = str(told[-1])
+    counted = facts["truth"]
+    inside = f"{counted['inside_95_percent']} of {counted['parameters']}"
+    told.append(truth := f"{inside} true base parameters lie inside their 95 % interval")
     if robot == workflows.demo.ROBOT:
         story = find_hidden(session, told, "spring", top / "effect")
         session.show(story)
@@ -91,8 +93,6 @@ def all_loops(
     identified = step(session, told, what, "identify", words, ("-f", "--no-report"))
     validated = step(session, told, ", on another motion", "validate", (folder, unseen), ("-f",))
     counted = workflows.demo.against_truth(dynid.loading.load_run(folder), truth)
-    inside = f"{counted['inside_95_percent']} of {counted['parameters']}"
-    told.append(f"{inside} true base parameters lie inside their 95 % interval")
     return {"identify": identified, "validate": validated, "truth": counted}
 
 

@@ -339,14 +339,15 @@ def _explained(
         evidence = {"unexplained": diagnosis.as_written.unexplained}
         return (Finding("W329", "warning", what, evidence), *unexplained)
     edits = [as_robot_file_lines(each.edits, robot, bool(names)) for each in named]
+    fix = f"in {robot.editable}: {', or '.join(edits)}"
     if best.unexplained > tuning.HARDLY_EXPLAINED:
-        what += ", which is no explanation"
-        edits = ["compare lengths, units and the order of the torque columns with the arm"]
+        what += ", which explains little"
+        fix = "compare lengths, units and the order of the torque columns with the arm"
     raise WrongMapping(
         what,
         why="with this robot file, no physically consistent parameters make these torques"
         + "".join(f"; {finding.text}" for finding in unexplained),
-        fix=f"in {robot.editable}: {', or '.join(edits)}; or continue with --anyway",
+        fix=f"{fix}; or continue with --anyway",
     )
 
 

@@ -32,8 +32,7 @@ MISSING = (1.5, 2.0)
 POSSIBLE = (1.2, 2.0)
 #: Share of the parameters not known as well as the torques need up to which that is good, and still fair. evidence:
 #: excitation.md, optimised motions leave 0 to 0.2; of 32 simulated situations above a half, 16 were within twice the
-#: noise on an unseen motion (benchmarks/judgement.py, seed 1). Logs of two seconds leave all, and errors of 3 % where
-#: 0.4 % were fitted.
+#: noise on an unseen motion (benchmarks/judgement.py, seed 1). The second is of one log of two seconds, which left all.
 OPEN_SHARE = (0.25, 0.9)
 #: Error of the possible arm on fitted rows that is harmless whatever the plain estimate leaves [%]. evidence: sensors
 #: of joint torque are good to about 1 % of their range.

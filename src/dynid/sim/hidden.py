@@ -1,7 +1,7 @@
 """What can be hidden in a simulated arm, for the demonstration of the gap search.
 
 Shares nothing with ``dynid.model.effects``: a test by the same equations would only show that they equal themselves.
-The spring is stiffer than the catalogue's, and ringing is in no catalogue.
+Ringing is in no catalogue.
 """
 
 from __future__ import annotations
