@@ -77,28 +77,28 @@ class Columns:
 
     def positions_dh(self, q: Floats) -> Floats:
         """Return driver positions, in its unit, as DH positions, (..., n) [rad or m]."""
-        return np.asarray(q * self._position * self.sign + self._offset)
+        return q * self._position * self.sign + self._offset
 
     def efforts_dh(self, tau: Floats) -> Floats:
         """Return driver efforts, in its unit, as DH torques, (..., n) [N m or N, A for a current]."""
-        return np.asarray(tau * self._effort * self._torque_sign)
+        return tau * self._effort * self._torque_sign
 
     def velocities_dh(self, qd: Floats) -> Floats:
         """Return driver velocities, in its unit, as DH velocities, (..., n) [rad/s or m/s]."""
-        return np.asarray(qd * self._velocity * self.sign)
+        return qd * self._velocity * self.sign
 
     def positions(self, q: Floats) -> Floats:
         """Return DH positions, (..., n) [rad or m], in the driver's unit."""
-        return np.asarray((q - self._offset) * self.sign / self._position)
+        return (q - self._offset) * self.sign / self._position
 
     def velocities(self, qd: Floats) -> Floats:
         """Return DH velocities [rad/s] or accelerations [rad/s^2], (..., n), in the driver's unit."""
-        return np.asarray(qd * self.sign / self._velocity)
+        return qd * self.sign / self._velocity
 
     def efforts(self, tau: Floats) -> Floats:
         """Return DH torques, (..., n) [N m or N], in the driver's unit."""
-        return np.asarray(tau * self._torque_sign / self._effort)
+        return tau * self._torque_sign / self._effort
 
     def in_degrees(self, qd: Floats) -> Floats:
         """Return DH velocities, (..., n) [rad/s], as the driver's [deg/s], whatever unit its joint states have."""
-        return np.asarray(np.degrees(qd * self.sign))
+        return np.degrees(qd * self.sign)
