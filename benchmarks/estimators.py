@@ -29,13 +29,13 @@ from dynid.estimation.rows import Rows
 from dynid.estimation.stack import stack_logs
 from dynid.model.parameters import body_of, columns_of
 from dynid.model.regressor import prior_vector
-from dynid.robot import Joint, Limits, Prior
+from dynid.robot import Prior
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter, despiked
 from follower import follow_motion
 from models import base_of
 from motions import harmonics, inside
-from synthetic_arm import LIMITS, MASS, OFFSET, SHAPE, TWIST
+from synthetic_arm import MASS, ROBOT, SHAPE
 
 SECONDS, LOGGED = 10, 1000
 SLOPE = 0.01  # Coulomb friction is fc tanh(qd / SLOPE)
@@ -116,15 +116,10 @@ def arm_of(name):
 
 
 def _lwr():
-    joints = []
-    for twist, d, (reach, speed, acceleration) in zip(TWIST, OFFSET, LIMITS.T, strict=True):
-        limits = Limits((-reach, reach), speed, acceleration)
-        joints.append(Joint(f"joint{len(joints) + 1}", twist=twist, d=d, limits=limits))
     gains = np.array([[2000.0, 2000, 1500, 1500, 800, 500, 250], [100, 100, 60, 60, 25, 15, 8]])
     friction = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
     length = [0.31, 0.2, 0.2, 0.2, 0.19, 0.1, 0.1]
-    robot = Robot("LWR", "standard", tuple(joints))
-    return _made(robot, MASS, length, friction / 10, friction, friction, gains, 1000, 60.0, 5)
+    return _made(ROBOT, MASS, length, friction / 10, friction, friction, gains, 1000, 60.0, 5)
 
 
 def _tx40():

@@ -1,12 +1,12 @@
-"""A seven-joint arm with known bodies, its regressor taken from Pinocchio: independent of dynid's own model."""
+"""A seven-joint arm with known bodies: lengths, masses and limits of an LWR4+, links that are no cylinders."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 
 from arms import cylinder
+from dynid import Robot
 from dynid.estimation.possible_set import (
     PhysicalConstraints,
     body_parameters,
@@ -14,17 +14,15 @@ from dynid.estimation.possible_set import (
     pseudo_inertia,
     smallest_eigenvalues,
 )
-from dynid.model.parameters import numbered
-from dynid.robot import LINK_PARAMETERS
+from dynid.model import build_model
+from dynid.model.kinematics import fixed_poses
+from dynid.robot import Joint, Limits
 from motions import harmonics, inside
 
 TWIST = np.deg2rad([90, -90, -90, 90, 90, -90, 0])
 OFFSET = np.array([0.31, 0, 0.4, 0, 0.39, 0, 0.078])
 LENGTH = np.array([0.31, 0.2, 0.2, 0.2, 0.19, 0.1, 0.08])
 MASS = np.array([2.9, 3.1, 2.9, 2.0, 2.0, 1.7, 0.27])
-PARAMETERS = tuple(numbered(p, i, "") for i in range(1, 8) for p in LINK_PARAMETERS) + tuple(
-    numbered(p, i, "") for i in range(1, 8) for p in ("fv", "fc")
-)
 #: How much the true links differ from cylinders: relative stretch and shear, shift [m].
 SHAPE = np.array([[0.1, 0.1, 0.1, 0.02]] * 3 + [[0, 0, 0, 0]])
 #: Limits of position [rad], speed [rad/s] and acceleration [rad/s^2].
@@ -34,6 +32,16 @@ LIMITS = np.array(
         np.deg2rad([110, 110, 128, 128, 204, 184, 184]),
         [6, 6, 8, 8, 12, 12, 12],
     ]
+)
+ROBOT = Robot(
+    "LWR",
+    "standard",
+    tuple(
+        Joint(f"joint{k + 1}", twist=twist, d=d, limits=Limits((-reach, reach), speed, hardest))
+        for k, (twist, d, reach, speed, hardest) in enumerate(
+            zip(TWIST, OFFSET, *LIMITS, strict=True)
+        )
+    ),
 )
 #: Viscous [N m s/rad] and Coulomb friction [N m] as measured on such arms: trajectories/lwr4plus_truth.yaml.
 MEASURED_FRICTION = np.array(
@@ -50,9 +58,6 @@ class Arm:
     prior: np.ndarray
     constraints: PhysicalConstraints
 
-    def regressor(self, *motion):
-        return regressor(*motion)
-
     def motion(self, samples, alpha=1.0, seed=0):
         """Five harmonics of 0.1 Hz at 500 samples in 10 s, slowed down by alpha."""
         return slowed(_harmonics(samples, seed, 0.5), alpha)
@@ -64,7 +69,7 @@ class Arm:
     def whitened(self, samples=2000, alpha=1.0, noise=1.0, seed=1, motion=None):
         """Triangular factor (R, r) of noisy whitened rows."""
         rng = np.random.default_rng(seed)
-        W = regressor(*(motion or self.motion)(samples, alpha))
+        W = model().regressor(*(motion or self.motion)(samples, alpha))
         tau = W @ self.truth + noise * NOISE * rng.standard_normal((samples, 7))
         rows = np.concatenate([W, tau[:, :, None]], axis=2) / (noise * NOISE)[:, None]
         F = np.linalg.qr(rows.reshape(-1, 92), mode="r")
@@ -81,44 +86,30 @@ def slowed(motion, alpha):
 
 
 @lru_cache
-def _pinocchio_model():
-    model, placement, parent = pin.Model(), pin.SE3.Identity(), 0
-    for i in range(7):
-        parent = model.addJoint(parent, pin.JointModelRZ(), placement, f"joint{i}")
-        model.appendBodyToJoint(parent, pin.Inertia.Zero(), pin.SE3.Identity())
-        lift = pin.SE3(np.eye(3), np.array([0, 0, OFFSET[i]]))
-        placement = lift * pin.SE3(pin.utils.rotate("x", TWIST[i]), np.zeros(3))
-    return model, model.createData()
-
-
-def regressor(q, qd, qdd):
-    model, scratch = _pinocchio_model()
-    ours = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # Pinocchio has Iyy before Ixz
-    W = np.zeros((len(q), 7, 91))
-    for k in range(len(q)):
-        Y = pin.computeJointTorqueRegressor(model, scratch, q[k], qd[k], qdd[k]).reshape(7, 7, 10)
-        W[k, :, :77].reshape(7, 7, 11)[:, :, :10] = Y[:, :, ours]
-    joint = np.arange(7)
-    W[:, joint, 11 * joint + 10] = qdd
-    W[:, joint, 77 + 2 * joint] = qd
-    W[:, joint, 78 + 2 * joint] = np.tanh(qd / 0.01)
-    return W
+def model():
+    joints = (replace(joint, friction=("viscous", "coulomb")) for joint in ROBOT.joints)
+    return build_model(replace(ROBOT, joints=tuple(joints)))
 
 
 @lru_cache
 def seven_joint_arm():
     rng = np.random.default_rng(0)
     truth, prior = np.zeros(91), np.zeros(91)
-    for i in range(7):
+    for i, joint in enumerate(ROBOT.joints):
+        # Cylinders along the joint's own axis, in the frame of the DH table behind it.
+        turned = np.linalg.inv(fixed_poses(joint, "standard")[1])
         stretch = np.eye(4) + rng.standard_normal((4, 4)) * SHAPE
-        P = stretch @ pseudo_inertia(cylinder(MASS[i], LENGTH[i])) @ stretch.T
-        truth[11 * i : 11 * i + 10] = body_parameters(P)
-        prior[11 * i : 11 * i + 10] = cylinder(
-            MASS[i] * (1 + 0.2 * rng.standard_normal()), LENGTH[i]
+        true, foreseen = (
+            pseudo_inertia(cylinder(mass, LENGTH[i]))
+            for mass in (MASS[i], MASS[i] * (1 + 0.2 * rng.standard_normal()))
         )
+        truth[11 * i : 11 * i + 10] = body_parameters(
+            turned @ stretch @ true @ stretch.T @ turned.T
+        )
+        prior[11 * i : 11 * i + 10] = body_parameters(turned @ foreseen @ turned.T)
     truth[10:77:11] = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
     truth[77::2] = truth[78::2] = [3, 3, 2, 2, 1, 1, 0.5]
-    return Arm(truth, prior, make_constraints(PARAMETERS, prior))
+    return Arm(truth, prior, make_constraints(model().parameters, prior))
 
 
 def arm_with_measured_friction():
