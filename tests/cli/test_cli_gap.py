@@ -10,7 +10,7 @@ import twolink
 from dynid import load_robot
 from dynid.workflows.gap import robot_file_beside
 from recorded_lwr import only, recorded, sharp
-from runner import ROOT, rows
+from runner import ROOT
 
 #: One thread: several processes share the machine when all tests run.
 ONE = {"OMP_NUM_THREADS": "1"}
@@ -101,18 +101,6 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     assert not any(path.exists() for path in old)
     assert (before / "gap" / "own.png").read_text() == "old"
     assert "friction that grows with the load" in (before / "report.html").read_text()
-
-
-@pytest.mark.parametrize(
-    ("line", "said"),
-    rows("""
-        gap before/parameters.npz log1.npz --effects stribek | did you mean 'stribeck'
-        gap | PARAMETERS
-        demo --effect sprng | did you mean 'spring'
-    """),
-)
-def test_words_that_are_none_are_answered_with_those_that_are_meant(dynid, logs, line, said):
-    dynid(line).failed(2, said)
 
 
 @pytest.mark.slow

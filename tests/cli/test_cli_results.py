@@ -115,13 +115,6 @@ def test_a_urdf_becomes_a_robot_file_that_the_other_commands_read(dynid):
     assert (model["n_parameters"], model["rank"]) == (2 * 14, 1 + 7 + 2 * 3)
 
 
-def test_a_file_that_is_no_urdf_is_refused(dynid):
-    """With its own code, on stderr only."""
-    (dynid.folder / "two.urdf").write_text("<sdf/>")
-    assert dynid("import two.urdf").failed(3).startswith("error[E210] two.urdf")
-    assert list(dynid.folder.iterdir()) == [dynid.folder / "two.urdf"]
-
-
 def test_runs_become_one_table(story):
     """Text, CSV and LaTeX; two runs of one arm."""
     runs = ["out/arm", "out/arm/parameters.npz"]

@@ -114,10 +114,3 @@ def test_a_robot_file_keeps_its_formula(tmp_path):
     again = load_robot(str(path))
     assert again.effects == (spec,)
     assert build_model(again).parameter_names[-1] == "formula4_a"
-
-
-def test_two_formulas_on_one_joint_are_joined_by_the_user():
-    robot = load_robot("kuka_lwr4plus")
-    spec = EffectSpec("formula", (robot.joint_names[3],), {"a": 0.5}, {}, "a |qd4|")
-    with pytest.raises(WrongRobotFile, match="formula is given twice on"):
-        _ = build_model(replace(robot, effects=(spec, spec))).parameter_names

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from arms import configuration, example_robots, pinocchio_torques, relative_error
-from dynid import Log
+from dynid import Log, load_robot
 from dynid.diagnose.diagnosis import find_mistake
 from dynid.errors import WrongUrdf
 from dynid.files.robotfile import parse_robot, robot_text
@@ -18,6 +18,7 @@ from dynid.model.kinematics import tool_pose
 from dynid.model.reduce import random_states
 from dynid.model.regressor import build_model, prior_vector
 from dynid.robot import Body
+from dynid.sim.urdf import urdf_text
 from motions import tones
 
 #: Arms of the package example-robot-data: file, first and last link (None: found by itself).
@@ -29,22 +30,17 @@ ARMS = {
     "talos": ("talos_data/robots/talos_left_arm.urdf", None, None),
     "z1": ("z1_description/urdf/z1.urdf", None, None),
 }
-#: KUKA's iiwa 14, from the figures of its data sheet: joint offsets along the arm, axes turned by right angles.
-IIWA = (
-    (0.1575, 0, 0, 0),
-    (0.2025, 90, 0, 180),
-    (0.2045, 90, 0, 180),
-    (0.2155, 90, 0, 0),
-    (0.1845, -90, 180, 0),
-    (0.2155, 90, 0, 0),
-    (0.081, -90, 180, 0),
-)
-
 #: Two links that carry each other, beside the arm.
 RING = "<link name='ring_a'/><link name='ring_b'/>" + "".join(
     f"<joint name='to_{b}' type='revolute'><parent link='ring_{a}'/><child link='ring_{b}'/></joint>"
     for a, b in ("ab", "ba")
 )
+
+
+@pytest.fixture(scope="module")
+def iiwa():
+    """A URDF of dynid's own, in which nothing is wrong."""
+    return urdf_text(load_robot("kuka_iiwa14"))
 
 
 def random_urdf(rng, n):
@@ -87,24 +83,6 @@ def random_urdf(rng, n):
         previous = f"l{i}"
     text += f'<joint name="end" type="fixed"><parent link="{previous}"/><child link="tip"/>{origin()}</joint>'
     return text + f'<link name="tip">{inertial()}</link></robot>'
-
-
-def iiwa_urdf():
-    text, previous = '<robot name="iiwa"><link name="l0"/>', "l0"
-    for i, (rise, *turn) in enumerate(IIWA, start=1):
-        rpy = " ".join(repr(float(np.radians(angle))) for angle in turn)
-        shift = f"0 {rise} 0" if i in (3, 5, 7) else f"0 0 {rise}"
-        text += f'<joint name="joint_a{i}" type="revolute"><parent link="{previous}"/><child link="l{i}"/>'
-        text += f'<origin xyz="{shift}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
-        text += '<limit lower="-2.9" upper="2.9" effort="200" velocity="1.5"/></joint>'
-        text += (
-            f'<link name="l{i}"><inertial><origin xyz="0 0.03 0.1"/><mass value="{5 - 0.5 * i}"/>'
-        )
-        text += (
-            '<inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.02"/></inertial></link>'
-        )
-        previous = f"l{i}"
-    return text + "</robot>"
 
 
 def imported(path, convention="standard", base=None, tip=None):
@@ -193,11 +171,10 @@ def test_any_chain_gets_a_table_with_the_urdfs_kinematics_and_torques(seed, conv
     assert torque_difference(path, robot, 10) < 1e-9
 
 
-def test_the_iiwas_table_has_the_makers_lengths(tmp_path):
+def test_the_iiwas_table_has_the_makers_lengths():
     """0.36, 0.42, 0.4 m between shoulder, elbow and wrist, no offsets: d of joints 1, 3, 5."""
-    path = tmp_path / "iiwa.urdf"
-    path.write_text(iiwa_urdf())
-    _, robot = imported(path)
+    bullet = Path(pytest.importorskip("pybullet_data").getDataPath())
+    _, robot = imported(bullet / "kuka_iiwa" / "model.urdf")
     assert_allclose([abs(j.d) for j in robot.joints[:6]], [0.36, 0, 0.42, 0, 0.4, 0], atol=1e-12)
     assert_allclose([j.a for j in robot.joints], 0.0, atol=1e-12)
     assert {abs(round(np.degrees(j.twist))) for j in robot.joints[:6]} == {90}
@@ -215,10 +192,10 @@ def test_limits_and_names_come_along(tmp_path):
         assert (joint.limits.torque, joint.limits.velocity) == (10.0, 3.0)
 
 
-def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(tmp_path):
+def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(iiwa, tmp_path):
     """rpy 1.5708 means 90 degrees; the table has it exactly, and it is said by how much the tip moves."""
     path = tmp_path / "arm.urdf"
-    path.write_text(iiwa_urdf().replace(repr(float(np.pi / 2)), "1.5708"))
+    path.write_text(iiwa.replace(repr(float(np.pi / 2)), "1.5708"))
     found, robot = imported(path)
     assert 1e-7 < found.largest < 1e-4
     assert {round(np.degrees(j.twist), 12) % 90 for j in robot.joints} == {0.0}
@@ -231,21 +208,24 @@ def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(t
         (lambda t: t.replace("<robot", "<sdf").replace("</robot>", "</sdf>"), "not <robot>"),
         (lambda t: t[:200], "not XML"),
         (
-            lambda t: t.replace('<parent link="l2"/>', '<parent link="nowhere"/>'),
+            lambda t: t.replace('<parent link="link_2"', '<parent link="nowhere"'),
             "names link 'nowhere'",
         ),
-        (lambda t: t.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of joint joint_a1 is zero"),
-        (lambda t: t.replace('mass value="4.5"', 'mass value="heavy"'), "not a number"),
+        (
+            lambda t: t.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1),
+            "axis of joint iiwa_joint_1 is zero",
+        ),
+        (lambda t: t.replace('mass value="4', 'mass value="heavy'), "not a number"),
         (lambda t: t.replace("</robot>", RING + "</robot>"), "not one tree"),
-        (lambda t: t.replace('"l7"', '"l77"'), "no link 'l7'; did you mean 'l77'"),
+        (lambda t: t.replace('"link_7"', '"link_77"'), "no link 'link_7'; did you mean 'link_77'"),
     ],
 )
-def test_a_urdf_that_is_no_arm_is_refused_with_the_reason(change, message, tmp_path):
+def test_a_urdf_that_is_no_arm_is_refused_with_the_reason(change, message, iiwa, tmp_path):
     """Each fault has its own sentence."""
     path = tmp_path / "arm.urdf"
-    path.write_text(change(iiwa_urdf()))
+    path.write_text(change(iiwa))
     with pytest.raises(WrongUrdf, match=message):
-        imported(path, tip="l7" if "l7" in message or "floating" in message else None)
+        imported(path, tip="link_7" if "link_7" in message or "floating" in message else None)
 
 
 def test_a_chain_of_hundreds_of_links_is_no_matter_of_recursion(tmp_path):

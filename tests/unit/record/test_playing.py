@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from dynid import load_robot
-from dynid.record.playing import ReferenceMotion, approach, joined, nearest_turn, repeated
+from dynid.record.playing import ReferenceMotion, approach, nearest_turn, repeated
 from motions import there_and_back
 
 ARM = load_robot("kinova_gen2")
@@ -33,13 +33,6 @@ def test_the_gap_to_the_start_dies_away_and_the_rates_are_its_derivatives():
     )
 
 
-def test_half_the_speed_is_a_quarter_of_the_acceleration():
-    slow = sine().at_speed(0.5)
-    assert slow.t[-1] == pytest.approx(4.0)
-    assert_allclose(np.gradient(slow.q, slow.t, axis=0)[1:-1], slow.qd[1:-1], atol=1e-3)
-    assert_allclose(slow.qdd, sine().qdd / 4)
-
-
 def test_an_approach_stays_within_a_tenth_of_the_limits():
     way = approach(ARM, np.zeros(7), np.array([1.0, -2.0, 0.1, 0, 0.5, 0, 3.0]))
     limits = [(joint.limits.velocity, joint.limits.acceleration) for joint in ARM.joints]
@@ -64,7 +57,3 @@ def test_endless_joints_follow_the_turns_that_the_arm_has_made():
         ARM, motion, motion.q[0] + 2 * np.pi * np.array([1, 0, -2, 0, 0, 0, 1]) + 0.01
     )
     assert_allclose((turned.q - motion.q)[0] / (2 * np.pi), [1, 0, -2, 0, 0, 0, 1])
-
-
-def test_joined_motions_keep_their_times():
-    assert joined([sine(), sine()]).t[-1] == pytest.approx(4.0)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from dynid import Log, load_robot
+from dynid import Log
 from dynid.errors import LogTooShort
-from dynid.files.logs import read_log
 from dynid.signals.checks import describe, prepare
-from dynid.signals.columns import matching_columns, take_samples
+from dynid.signals.columns import take_samples
 from dynid.signals.motion import (
     bandwidth,
     check_amount,
@@ -21,7 +20,7 @@ from dynid.signals.motion import (
     sampled,
     swings,
 )
-from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
+from makelogs import gen2, gen2_log, lwr, lwr_log
 
 ONE = replace(lwr(), joints=lwr().joints[:1], driver=None)
 
@@ -71,21 +70,6 @@ def test_a_log_is_described_by_its_numbers():
     assert_allclose(found["velocity_slope"], 1.0, rtol=0.02)
     ratings = [joint.limits.torque for joint in gen2().joints]
     assert_allclose(found["torque_share"], np.max(np.abs(log.tau), axis=0) / ratings)
-
-
-@pytest.mark.data
-def test_the_two_seconds_of_the_recorded_jaco2_are_little_to_identify_from():
-    robot = load_robot(ROOT / "tests" / "robots" / "jaco2_6dof.yaml")
-    log = read_log(shared_data("jaco2_6dof/example_traj_2017-05-31-17-12-04.bag"), robot=robot)
-    assert "W313" in [finding.code for finding in prepare(log, robot).findings]
-    ready = prepare(log, robot, identify=False)
-    # Of its 420 samples the driver held 13 that repeat the one before them in every column.
-    assert (len(log), len(ready), ready.names) == (420, 407, robot.joint_names)
-    fingers = [f"jaco_joint_finger_{k}" for k in (1, 2, 3)]
-    assert matching_columns(log, robot)[1] == fingers
-    # Published with the recording: mean torque of joint 2 -3.56 N m, of joint 3 4.54 N m.
-    assert ready.tau[:, 1].mean() == pytest.approx(-3.56, abs=0.01)
-    assert ready.tau[:, 2].mean() == pytest.approx(4.54, abs=0.01)
 
 
 def test_short_logs_count_together():

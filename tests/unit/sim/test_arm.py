@@ -18,10 +18,6 @@ def slider(gravity=(0.0, 0.0, 0.0)):
     return Robot("slider", "standard", (Joint("s", "prismatic"),), gravity)
 
 
-def pendulum():
-    return Robot("pendulum", "standard", (Joint("p", a=0.5),), gravity=(9.81, 0.0, 0.0))
-
-
 def run(arm, steps, tau=0.0):
     states = []
     for _ in range(steps):
@@ -71,18 +67,6 @@ def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():
     _, qd = run(arm, 400)
     assert qd[49] == pytest.approx(1.0 - 20.0 * 0.025, rel=1e-6)
     assert np.abs(qd[-100:]).max() < 1e-6
-
-
-@pytest.mark.slow
-def test_a_pendulum_keeps_its_energy():
-    """m l^2 qd^2 / 2 - m g l cos q over two swings, to the first order of the step."""
-    arm = SimulatedArm(
-        pendulum(), [Body(1.0, inertia_com=(1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6))], dt=1e-4
-    )
-    arm.reset(np.array([1.0]))
-    q, qd = run(arm, 30_000)
-    energy = 0.5**2 * qd**2 / 2 - 9.81 * 0.5 * np.cos(q)
-    assert np.abs(energy - energy[0]).max() < 1e-3 * np.ptp(9.81 * 0.5 * np.cos(q))
 
 
 def test_no_mechanical_stop_disturbs_the_torques():

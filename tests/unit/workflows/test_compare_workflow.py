@@ -52,12 +52,3 @@ def test_the_table_has_one_row_per_run_and_the_worst_joint(result, other):
     assert [row["run"] for row in table] == ["run 1", "run 2"]
     worst = max(result.joints, key=lambda joint: joint.relative_percent)
     assert table[0]["weakest joint"] == f"{worst.joint} {worst.relative_percent:.1f} %"
-
-
-def test_texts_for_other_programs_hold_the_runs(result, scaled):
-    """CSV: a head and two rows; LaTeX: both names; JUnit: the run that was compared, failed."""
-    found = compare([result, scaled])
-    assert len(found.csv().splitlines()) == 3
-    assert r" & run 1 & run 2 \\" in found.latex()
-    assert 'tests="1" failures="1" errors="0"' in found.junit()
-    assert 'testcase name="run 2"' in found.junit()

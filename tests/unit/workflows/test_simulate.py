@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 
 from dynid import Motion, SimulateOptions, base_model, load_robot, simulate
 from dynid.errors import DynidError
-from dynid.model.regressor import ModelTorques, prior_vector
 from dynid.robot import Body, Prior
 from motions import tones
 
@@ -42,20 +41,6 @@ def motion(arm):
     t = np.arange(0.0, 2.0, 0.01)
     w, size = np.array([1.0, 2.0, 3.0, 1.5]) * 2, np.array([0.5, 0.4, 0.05, 0.6])
     return about_the_middle(arm, t, size, w)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["scara", "staubli_tx40", "kuka_lwr4plus"])
-def test_mujoco_and_the_own_model_agree(name):
-    robot = replace(load_robot(name), tool=None, effects=())
-    t = np.arange(0.0, 1.0, 0.02)
-    rng = np.random.default_rng(3)
-    w, phase = 4.0, rng.uniform(0.0, 6.0, robot.n)
-    size = np.array([0.5 if joint.revolute else 0.05 for joint in robot.joints])
-    path = about_the_middle(robot, t, size, w, phase)
-    torque, model = simulate(robot, path, BARE).torque, base_model(robot).model
-    own = ModelTorques(model, prior_vector(model)).rigid(path.q, path.qd, path.qdd)
-    assert_allclose(own, torque, atol=2e-4 * np.abs(torque).max())
 
 
 @pytest.fixture
