@@ -15,7 +15,7 @@ from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, command_of
 from dynid.cli.options import (
     COMMON,
-    PATH,
+    TYPES,
     configure,
     dynid_command,
     keys_of,
@@ -67,7 +67,7 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
     ),
     config=click.option(
         "--config",
-        type=PATH,
+        type=TYPES["Path"],
         metavar="[FILE]",
         is_flag=False,
         flag_value=str(SHOW),
@@ -96,12 +96,7 @@ def doctor_command(session: Session) -> Answer:
         "dynid explain robot-file   a page: every key of a robot file",
     ),
 )
-@click.argument(
-    "word",
-    required=False,
-    metavar="[CODE|PAGE]",
-)
-def explain_command(session: Session, word: str | None) -> Answer:
+def explain_command(session: Session, *, word: str | None = None) -> Answer:
     """Say what an error or warning code means and how to get rid of it, or show a page of the documentation."""
     schema = {"schema": "dynid/explain/1"}
     if word is None:

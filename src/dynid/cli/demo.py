@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.options import dynid_command, invoke
 from dynid.cli.session import Session, program
 from dynid.files import packaged
+from dynid.options import option
 from dynid.reports.demo_page import write_demo_page
 from dynid.text import shell
 from dynid.trajectory.preview import Drawing
@@ -35,18 +34,16 @@ KINEMATICS = ("position", "velocity", "acceleration")
         "dynid demo --effect random --seed 3",
     ),
 )
-@click.option(
-    "--robot",
-    type=click.Choice([*ARMS]),
-    default="kuka_lwr4plus",
-    help="The arm, whose logs come with dynid.",
-)
-@click.option(
-    "--effect",
-    metavar="NAME|random",
-    help="Hide an effect in the simulated LWR4+, find it and add it.",
-)
-def command(session: Session, robot: str, effect: str | None) -> Answer:
+def command(
+    session: Session,
+    *,
+    robot: str = option(
+        "kuka_lwr4plus", "The arm, whose logs come with dynid.", choices=tuple(ARMS)
+    ),
+    effect: str | None = option(
+        None, "Hide an effect in the simulated LWR4+, find it and add it.", metavar="NAME|random"
+    ),
+) -> Answer:
     """Run all four loops on a simulated arm with known parameters, and show them on one page."""
     top, told = session.out or Path("out/demo"), list[str | Path]()
     if effect:

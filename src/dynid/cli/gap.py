@@ -11,17 +11,19 @@ import click
 import dynid
 from dynid import workflows
 from dynid.answer import Answer, Part
-from dynid.cli.options import FILE, PATH, dynid_command, options_from
+from dynid.cli.options import Output, dynid_command
 from dynid.cli.prompt import Reply, ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import DynidError, WrongUsage
 from dynid.judgement.rules import Step
+from dynid.options import option
 from dynid.progress import stage
 from dynid.runs import RunFolder
 from dynid.text import shell
 from dynid.workflows.options import GapOptions
 
 if TYPE_CHECKING:
+    from dynid.estimation.result import Identification
     from dynid.judgement.gap import GapEffect
     from dynid.workflows.gap import Gap
 
@@ -34,9 +36,6 @@ if TYPE_CHECKING:
         "dynid gap out/arm a.bag b.bag --apply best     add the named effects",
     ),
 )
-@click.argument("parameters", type=PATH)
-@click.argument("logs", nargs=-1, required=True, type=PATH, metavar="LOG...")
-@options_from(GapOptions)
 @click.option(
     "--apply",
     is_flag=False,
@@ -44,31 +43,24 @@ if TYPE_CHECKING:
     metavar="NAME[@JOINTS]|best",
     help="Add the named effects (best), or one candidate, without asking.",
 )
-@click.option("--no-apply", is_flag=True, help="Only report: add nothing and do not ask.")
-@click.option(
-    "--new-name",
-    type=FILE,
-    help="Path of the copy of the robot file with the effects.",
-)
-@click.option("--plot/--no-plot", default=True, help="Draw the pictures.")
 def command(
     session: Session,
-    parameters: Path,
+    *,
+    parameters: Identification,
     logs: tuple[Path, ...],
     options: GapOptions,
     apply: str | None,
-    no_apply: bool,
-    new_name: Path | None,
-    plot: bool,
+    no_apply: bool = option(False, "Only report: add nothing and do not ask."),
+    new_name: Output | None = option(None, "Path of the copy of the robot file with the effects."),
+    plot: bool = option(True, "Draw the pictures.", pair=True),
 ) -> Answer:
     """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
     if apply and no_apply:
         raise WrongUsage("--apply and --no-apply exclude each other", fix="leave one of them out")
-    stored = dynid.loading.load_run(parameters)
-    run = RunFolder.of(stored.path)
-    workflows.gap.selection_options(stored.robot, options)
+    run = RunFolder.of(parameters.path)
+    workflows.gap.selection_options(parameters.robot, options)
     stage("read")
-    gap = dynid.find_gap(stored, logs, options)
+    gap = dynid.find_gap(parameters, logs, options)
     stage("draw")
     run.remove_search()
     # Why first: what a simulator does afterwards takes no answer away.
@@ -80,7 +72,7 @@ def command(
     done = Answer({**answer.facts, "simulator": None}, next=answer.next)
     if chosen and ask(session, "P7", given=given, effect=effect) is Reply.YES:
         done = added(session, gap, chosen, new_name, run, plot=plot)
-    return replace(done, wrote=(*wrote, *done.wrote, *workflows.report.renewed(stored.path)))
+    return replace(done, wrote=(*wrote, *done.wrote, *workflows.report.renewed(parameters.path)))
 
 
 def added(

@@ -15,7 +15,7 @@ import click
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import PATH, dynid_command, invoke, options_from, robot_argument
+from dynid.cli.options import dynid_command, invoke
 from dynid.cli.prompt import Reply, ask, may_write
 from dynid.cli.runfile import write_run
 from dynid.cli.session import Session
@@ -23,7 +23,7 @@ from dynid.errors import StaleCache, WrongUsage
 from dynid.files import typed
 from dynid.judgement.rules import Step
 from dynid.model.printing import as_latex, as_python
-from dynid.options import LogOptions
+from dynid.options import LogOptions, option
 from dynid.runs import RunFolder
 from dynid.text import closest
 from dynid.workflows.options import Extras, IdentifyOptions, ModelOptions
@@ -41,39 +41,25 @@ if TYPE_CHECKING:
         "dynid model kuka_lwr4plus --json | jq .rank",
     ),
 )
-@robot_argument
-@options_from(ModelOptions)
-@click.option(
-    "--reduce/--no-reduce",
-    default=None,
-    help="Reduce to base parameters without asking.",
-)
-@click.option(
-    "--rebuild/--frozen", default=None, help="Rebuild a stored model without asking, or never."
-)
-@click.option(
-    "--groups",
-    type=click.Choice(["json", "text"]),
-    help="Print the relations of all base parameters.",
-)
-@click.option(
-    "--at-rest",
-    is_flag=True,
-    help="With --groups: only what torques at rest show, as vendors publish it.",
-)
-@click.option("--latex", is_flag=True, help="Print the regressor as LaTeX.")
 @click.option(
     "--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function."
 )
 def model_command(
     session: Session,
+    *,
     robot: Robot,
     options: ModelOptions,
-    reduce: bool | None,
-    rebuild: bool | None,
-    groups: str | None,
-    at_rest: bool,
-    latex: bool,
+    reduce: bool | None = option(None, "Reduce to base parameters without asking.", pair=True),
+    rebuild: bool | None = option(
+        None, "Rebuild a stored model without asking, or never.", pair=True, off="--frozen"
+    ),
+    groups: str | None = option(
+        None, "Print the relations of all base parameters.", choices=("json", "text")
+    ),
+    at_rest: bool = option(
+        False, "With --groups: only what torques at rest show, as vendors publish it."
+    ),
+    latex: bool = option(False, "Print the regressor as LaTeX."),
     python: bool,
 ) -> Answer:
     """Derive the regressor of an arm from its DH table and group it into base parameters."""
@@ -151,20 +137,13 @@ def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> A
         "dynid parameters kuka_lwr4plus a.bag b.bag --cutoff 8",
     ),
 )
-@robot_argument
-@click.argument("logs", nargs=-1, required=True, type=PATH, metavar="LOG...")
-@options_from(LogOptions)
-@click.option(
-    "--identify/--no-identify",
-    default=None,
-    help="Identify afterwards without asking.",
-)
 def parameters_command(
     session: Session,
+    *,
     robot: Robot,
     logs: tuple[Path, ...],
     options: LogOptions,
-    identify: bool | None,
+    identify: bool | None = option(None, "Identify afterwards without asking.", pair=True),
 ) -> Answer:
     """Filter logs, stack the base regressor over them, and say what they excite."""
     while True:
@@ -213,31 +192,21 @@ Limit = tuple[str, str, float]
         "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
     ),
 )
-@robot_argument
-@click.argument("logs", nargs=-1, type=PATH, metavar="[LOG...]")
-@options_from(IdentifyOptions)
-@options_from(Extras, "extras")
-@click.option(
-    "--report/--no-report",
-    default=True,
-    help="Write report.html and summary.md as well.",
-)
-@click.option("--open", is_flag=True, help="Open report.html in the browser.")
-@click.option(
-    "--fail-if",
-    metavar="EXPR",
-    multiple=True,
-    help="Exit 1 if the condition is true, such as 'max_rms_nm > 1.5'.",
-)
 def identify_command(
     session: Session,
+    *,
     robot: Robot,
-    logs: tuple[Path, ...],
+    logs: tuple[Path, ...] = (),
     options: IdentifyOptions,
     extras: Extras,
-    report: bool,
-    open: bool,
-    fail_if: tuple[str, ...],
+    report: bool = option(True, "Write report.html and summary.md as well.", pair=True),
+    open: bool = option(False, "Open report.html in the browser."),
+    fail_if: tuple[str, ...] = option(
+        (),
+        "Exit 1 if the condition is true, such as 'max_rms_nm > 1.5'.",
+        metavar="EXPR",
+        repeatable=True,
+    ),
 ) -> Answer:
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]

@@ -3,17 +3,20 @@
 Top-level keys of a configuration file set an option for every command; a key that is a command's name holds that
 command's options. ``./dynid.yaml`` wins over the user's file, and ``--config FILE`` stands in for both.
 
-A command is a function ``command(session, ...)`` under ``@dynid_command("name", examples=(...))``. It returns an
-``Answer``, which is printed here and nowhere else.
+A command is a function ``command(session, *, ...)`` under ``@dynid_command("name", examples=(...))``. Its signature is
+its command line: an ``Options`` dataclass stands for its fields, a parameter with ``option(...)`` is an option, any
+other one an argument, optional where it has a default. It returns an ``Answer``, which only this module prints.
 """
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields, replace
 from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 from click.core import ParameterSource
@@ -37,69 +40,20 @@ Decorator = Callable[[Callable[..., Any]], Any]
 COMMON = tuple(each.name for each in fields(Session))
 SHORT = ("out", "force", "yes", "quiet", "verbose")
 TYPED = ParameterSource.COMMANDLINE
-#: What stands for a path.
-PATH = click.Path(path_type=Path)
-FILE = click.Path(dir_okay=False, path_type=Path)
+#: Paths in the signature of a command: a file that is written, a file that is read, a file or folder that is there.
+Output: TypeAlias = Path
+Input: TypeAlias = Path
+Existing: TypeAlias = Path
 INPUT = click.Path(exists=True, dir_okay=False, path_type=Path)
-
-
-# ---------------------------------------------------------------- single options
-TIP = click.option(
-    "--tip",
-    metavar="LINK",
-    help="Last link of the arm, where ROBOT is a URDF whose joints fork.",
-)
-
-
-def load_robot(session: Session, robot: str, tip: str | None) -> Robot:
-    """Return the arm that ROBOT names, and say what is noticed."""
-    arm = dynid.load_robot(robot, tip=tip)
-    session.findings(arm.findings)
-    return arm
-
-
-def robot_argument(function: Callable[..., Any]) -> Any:  # noqa: ANN401
-    """Give a command the argument ROBOT and the option ``--tip``; the function gets the arm."""
-
-    @wraps(function)
-    def loaded(session: Session, *, robot: str, tip: str | None, **values: Any) -> Any:  # noqa: ANN401
-        return function(session, robot=load_robot(session, robot, tip), **values)
-
-    return click.argument("robot", type=click.Path())(TIP(loaded))
-
-
-def key_of(each: Field[Any]) -> str:
-    """Return the name of an option in variables, configuration files and run.yaml: its flag with underscores."""
-    return flag_of(each)[2:].replace("-", "_")
-
-
-def options_from(
-    kind: type[Options], name: str = "options", *, without: tuple[str, ...] = ()
-) -> Decorator:
-    """Return a decorator that gives a command one option per field of an options dataclass, and the function the whole.
-
-    Args:
-        kind: the dataclass; fields that are common options are taken from those.
-        name: argument of the function.
-        without: fields that the command does not offer.
-    """
-    own = [each for each in fields(kind) if each.name not in (*COMMON, *without)]
-    shared = [each.name for each in fields(kind) if each.name in COMMON]
-
-    def decorate(function: Callable[..., Any]) -> Any:  # noqa: ANN401
-        @wraps(function)
-        def made(session: Session, **values: Any) -> Any:  # noqa: ANN401
-            given = {each.name: values.pop(key_of(each)) for each in own}
-            options = kind(**given, **{each: getattr(session, each) for each in shared})
-            return function(session, **{name: options}, **values)
-
-        for each in reversed(own):
-            made = declared_option(each)(made)
-        return made
-
-    return decorate
-
-
+#: What click is told of a value by a word of its annotation.
+TYPES: dict[str, Any] = {
+    "Path": click.Path(path_type=Path),
+    "Output": click.Path(dir_okay=False, path_type=Path),
+    "Input": INPUT,
+    "Existing": click.Path(exists=True, path_type=Path),
+    "Identification": click.Path(path_type=Path),
+    "Robot": click.Path(),
+}
 #: What click is told of an option by what ``Declaration.kind`` says.
 KINDS: dict[str, dict[str, Any]] = {
     "input": {"type": INPUT},
@@ -108,15 +62,26 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
+# ---------------------------------------------------------------- from a signature to a command line
+def type_of(annotation: object) -> Any:  # noqa: ANN401
+    """Return what click is told of a value; None where its default says it."""
+    words = re.findall(r"\w+", str(annotation))
+    return next((TYPES[word] for word in words if word in TYPES), None)
+
+
+def key_of(each: Field[Any]) -> str:
+    """Return the name of an option in variables, configuration files and run.yaml: its flag with underscores."""
+    return flag_of(each)[2:].replace("-", "_")
+
+
 def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN401
-    """Return the option of a field of an options dataclass; ``facts`` are further arguments of ``click.option``."""
+    """Return the option of a declared field; ``facts`` are further arguments of ``click.option``."""
     said, flag = declaration_of(each), flag_of(each)
     name, short = key_of(each), [f"-{each.name[0]}"] if each.name in SHORT else []
     facts |= {"default": each.default, "help": said.help, "metavar": said.metavar or None}
     facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
     facts["show_default"] = said.nothing if each.default is None else None
-    if "Path" in str(each.type):
-        facts["type"] = PATH
+    facts["type"] = type_of(each.type)
     if said.pair:
         flag += f"/{said.off or '--no-' + flag[2:]}"
     elif isinstance(each.default, bool):
@@ -129,6 +94,74 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
     elif said.read is not None:
         facts["type"] = str
     return click.option(*short, flag, name, **facts | KINDS.get(said.kind, {}))
+
+
+def argument_of(each: inspect.Parameter) -> Decorator:
+    """Return the argument of a parameter; several values are named by a plural."""
+    several = str(each.annotation).startswith("tuple")
+    needed = each.default is inspect.Parameter.empty
+    shown = f"{each.name[:-1].upper()}..."
+    facts: dict[str, Any] = (
+        {"nargs": -1, "metavar": shown if needed else f"[{shown}]"} if several else {}
+    )
+    kind = type_of(each.annotation)
+    return click.argument(each.name, required=needed, type=kind, **facts)
+
+
+def load_robot(session: Session, robot: str, tip: str | None) -> Robot:
+    """Return the arm that ROBOT names, and say what is noticed."""
+    arm = dynid.load_robot(robot, tip=tip)
+    session.findings(arm.findings)
+    return arm
+
+
+TIP = click.option(
+    "--tip",
+    metavar="LINK",
+    help="Last link of the arm, where ROBOT is a URDF whose joints fork.",
+)
+
+
+def command_line(
+    function: Callable[..., Any], without: Sequence[str]
+) -> tuple[list[Decorator], dict[str, Any]]:
+    """Return what a command takes by its signature, and what is made of words, by name: options, an arm, a result.
+
+    Args:
+        function: the command; what has a decorator of click is taken as that says.
+        without: fields of its options that it does not offer.
+    """
+    by_click = {each.name for each in getattr(function, "__click_params__", ())}
+    taken, kinds = list[Decorator](), dict[str, Any]()
+    for name, each in [*inspect.signature(function).parameters.items()][1:]:
+        word, declared = str(each.annotation), each.default
+        kind = function.__globals__.get(word)
+        if isinstance(kind, type) and issubclass(kind, Options):
+            left_out, kinds[name] = (*COMMON, *without), kind
+            taken += [declared_option(own) for own in fields(kind) if own.name not in left_out]
+        elif isinstance(declared, Field):
+            declared.name, declared.type = name, word
+            taken.append(declared_option(declared))
+        elif each.kind is not each.VAR_KEYWORD and name not in by_click:
+            kinds[name] = word
+            taken += [argument_of(each), *[TIP] * (word == "Robot")]
+    return taken, kinds
+
+
+def arguments(session: Session, kinds: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a command's function; options that are common options are the session's."""
+    for name, kind in kinds.items():
+        if kind == "Robot":
+            values[name] = load_robot(session, values[name], values.pop("tip"))
+        elif kind == "Identification":
+            values[name] = dynid.loading.load_run(values[name])
+        elif isinstance(kind, type):
+            given = {
+                each.name: values.pop(key_of(each), getattr(session, each.name, each.default))
+                for each in fields(kind)
+            }
+            values[name] = kind(**given)
+    return values
 
 
 # ---------------------------------------------------------------- configuration files
@@ -223,21 +256,25 @@ def dynid_command(
     *,
     examples: Sequence[str] = (),
     repeatable: bool = False,
+    without: Sequence[str] = (),
     config: Decorator = CONFIG_OPTION,
 ) -> Callable[[Callable[..., Any]], Command]:
-    """Make a command of a function that takes the session first and its own options by keyword.
+    """Make a command of a function that takes the session first and the rest by keyword.
 
     Args:
         name: name of the command.
         examples: lines for the help.
         repeatable: whether it has ``--from run.yaml``; such a command calls ``write_run``.
+        without: fields of its options that it does not offer.
         config: stands in for the common option --config.
 
     Returns:
-        A decorator; put it above the function's own ``@click.option`` and ``@click.argument``.
+        A decorator; put it above decorators of click, for what no signature says.
     """
 
     def decorate(function: Callable[..., Any]) -> Command:
+        own_line, kinds = command_line(function, without)
+
         @wraps(function)
         def callback(**values: Any) -> Any:  # noqa: ANN401
             ctx = click.get_current_context()
@@ -248,7 +285,7 @@ def dynid_command(
                 typed = {key for key in COMMON if ctx.get_parameter_source(key) is TYPED}
                 session = replace(ctx.obj, **{key: common[key] for key in typed})
             with session, heard_by(session.progress):
-                answer: Answer = function(session, **values)
+                answer: Answer = function(session, **arguments(session, kinds, values))
                 session.show(answer)
                 facts = {**answer.facts, "wrote": [*answer.facts.get("wrote", ()), *answer.wrote]}
                 if ctx.obj is not None:
@@ -258,11 +295,9 @@ def dynid_command(
                 return int(answer.status or bool(answer.limits))
 
         decorated: Any = callback
-        for each in reversed(fields(Session)):
-            decorated = declared_option(each, is_eager=True)(decorated)
-        decorated = config(decorated)
-        if repeatable:
-            decorated = FROM_OPTION(decorated)
+        common_line = [declared_option(each, is_eager=True) for each in fields(Session)]
+        for each in reversed([*[FROM_OPTION] * repeatable, config, *common_line, *own_line]):
+            decorated = each(decorated)
         text, docs = shown(str(function.__doc__), examples), f"docs/reference/cli.md#dynid-{name}"
         epilog = f"Docs: {docs}, or dynid explain"
         kind: Any = partial(click.command, cls=Command, context_settings=CONTEXT, epilog=epilog)

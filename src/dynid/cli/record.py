@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import INPUT, dynid_command, options_from, robot_argument
+from dynid.cli.options import Existing, Input, dynid_command
 from dynid.cli.prompt import Reply, ask, confirm, key_pressed, may_write
 from dynid.cli.session import Session
 from dynid.disk import sha256
@@ -19,6 +17,7 @@ from dynid.drivers.ros import raise_priority
 from dynid.errors import WrongUsage
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.judgement.rules import Step
+from dynid.options import option
 from dynid.text import shell
 from dynid.workflows.options import RecordOptions
 
@@ -70,34 +69,26 @@ class TerminalOperator:
         "dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz     an arm to rehearse with",
     ),
 )
-@robot_argument
-@click.argument("trajectory", required=False, type=INPUT)
-@click.option(
-    "--move",
-    metavar="ROBOT_NAME",
-    allow_from_autoenv=False,
-    help="Move without asking: the robot's name, as a person would type it.",
-)
-@options_from(RecordOptions)
-@click.option(
-    "--convert/--no-convert",
-    default=None,
-    help="Also write the recording as log.npz (asked at the end when not given).",
-)
-@click.option(
-    "--parameters",
-    type=click.Path(exists=True, path_type=Path),
-    metavar="RESULT",
-    help="Result whose model predicts the torques that the motion needs (default: the robot file's prior).",
-)
 def command(
     session: Session,
+    *,
     robot: Robot,
-    trajectory: Path | None,
-    move: str | None,
+    trajectory: Input | None = None,
+    move: str | None = option(
+        None,
+        "Move without asking: the robot's name, as a person would type it.",
+        metavar="ROBOT_NAME",
+        deliberate=True,
+    ),
     options: RecordOptions,
-    convert: bool | None,
-    parameters: Path | None,
+    convert: bool | None = option(
+        None, "Also write the recording as log.npz (asked at the end when not given).", pair=True
+    ),
+    parameters: Existing | None = option(
+        None,
+        "Result whose model predicts the torques that the motion needs (default: the robot file's prior).",
+        metavar="RESULT",
+    ),
 ) -> Answer:
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
     if move is not None:
@@ -123,12 +114,17 @@ def command(
     show(session, done, outcome)
     if done.failure is not None:
         raise done.failure
-    if not options.listen_only:
+    return ended(session, done, outcome, convert)
+
+
+def ended(session: Session, done: Recording, outcome: Outcome, convert: bool | None) -> Answer:
+    """Say how a motion went, and convert the recording if that is wanted."""
+    if not done.options.listen_only:
         late = f"latest {1e3 * outcome.largest_lateness:.1f} ms"
         error = f"largest error {outcome.largest_deviation:.3f} rad"
         torque = f"torque {100 * outcome.largest_torque_share:.0f} % of the rating"
         session.stage("moved", f"{outcome.commands} commands, {late}; {error}, {torque}")
-    bag = done.files[0]
+    bag, robot = done.files[0], done.robot
     steps = [Step("", f"dynid identify {robot.word} {shell(bag)}")]
     made = []
     if ask(session, "P4", given=convert) is Reply.YES:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
@@ -15,16 +14,15 @@ import click
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import FILE, INPUT, PATH, dynid_command, options_from
+from dynid.cli.options import Input, Output, dynid_command
 from dynid.cli.prompt import may_write, write_once
 from dynid.cli.session import Session
 from dynid.disk import sha256, write_text
 from dynid.errors import WrongUsage
 from dynid.judgement.rules import Step
-from dynid.options import LogOptions
+from dynid.options import LogOptions, option
 from dynid.reports.tables import JunitCase
 from dynid.reports.tables import junit as junit_xml
-from dynid.runs import RunFolder
 from dynid.table import Table
 from dynid.text import shell
 from dynid.workflows.options import (
@@ -37,6 +35,7 @@ from dynid.workflows.options import (
 from dynid.workflows.run import RunOptions, run
 
 if TYPE_CHECKING:
+    from dynid.estimation.result import Identification
     from dynid.workflows.files import Checked
 
 
@@ -48,34 +47,27 @@ if TYPE_CHECKING:
         "dynid validate out/arm other.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
     ),
 )
-@click.argument("parameters", type=PATH)
-@click.argument("log", type=PATH)
-@options_from(ValidateOptions)
-@click.option(
-    "--mcap",
-    type=FILE,
-    help="Write measured, predicted and residual joint states with the arm's URDF for Foxglove, PlotJuggler and Rerun.",
-)
-@click.option("--plot/--no-plot", default=True, help="Draw the figures.")
 def validate_command(
     session: Session,
-    parameters: Path,
+    *,
+    parameters: Identification,
     log: Path,
     options: ValidateOptions,
-    mcap: Path | None,
-    plot: bool,
+    mcap: Output | None = option(
+        None,
+        "Write measured, predicted and residual joint states with the arm's URDF for Foxglove, PlotJuggler and Rerun.",
+    ),
+    plot: bool = option(True, "Draw the figures.", pair=True),
 ) -> Answer:
     """Compare predicted with measured torques on a recording that was not used to identify."""
-    stored = dynid.loading.load_run(parameters)
-    run = RunFolder.of(stored.path)
     if mcap is not None:
         may_write(session, mcap)
-    validation = dynid.validate(stored, log, options)
-    folder = validation.folder(run.path / "validation")
+    validation = dynid.validate(parameters, log, options)
+    folder = validation.folder(parameters.path.parent / "validation")
     wrote = [validation.save(folder), *(validation.write_figures(folder) if plot else [])]
     if mcap is not None:
-        wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(stored)))
-    wrote += workflows.report.renewed(stored.path)
+        wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(parameters)))
+    wrote += workflows.report.renewed(parameters.path)
     return replace(validation.answer(), wrote=wrote)
 
 
@@ -87,27 +79,23 @@ def validate_command(
         "dynid compare out/now --baseline expected --tolerance 1%     exit 1 when a number moved by more: for CI",
     ),
 )
-@click.argument("runs", nargs=-1, required=True, type=PATH, metavar="RUN...")
-@click.option(
-    "--baseline", type=PATH, metavar="RUN", help="Result that the runs are compared with."
-)
-@options_from(CompareOptions)
-@click.option("--csv", type=FILE, help="Write one row per run as CSV.")
-@click.option("--latex", type=FILE, help="Write a LaTeX table.")
-@click.option("--junit", type=FILE, help="Write a JUnit XML report.")
 def compare_command(
     session: Session,
+    *,
     runs: tuple[Path, ...],
-    baseline: Path | None,
+    baseline: Path | None = option(None, "Result that the runs are compared with.", metavar="RUN"),
     options: CompareOptions,
-    **files: Path | None,
+    csv: Output | None = option(None, "Write one row per run as CSV."),
+    latex: Output | None = option(None, "Write a LaTeX table."),
+    junit: Output | None = option(None, "Write a JUnit XML report."),
 ) -> Answer:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
     comparison = dynid.compare(runs, baseline=baseline, tolerance=options.tolerance)
-    wrote = {kind: path for kind, path in files.items() if path is not None}
-    for kind, path in wrote.items():
-        write_text(path, getattr(comparison, kind)())
-    return replace(comparison.answer(), wrote=[*wrote.values()])
+    files = {csv: comparison.csv, latex: comparison.latex, junit: comparison.junit}
+    wrote = [path for path in files if path is not None]
+    for path in wrote:
+        write_text(path, files[path]())
+    return replace(comparison.answer(), wrote=wrote)
 
 
 @dynid_command(
@@ -117,13 +105,15 @@ def compare_command(
         "dynid report out/kuka_lwr4plus --open        and shows it in the browser",
     ),
 )
-@click.argument("run", type=PATH)
-@click.option("--open/--no-open", default=False, help="Open it in the browser.")
-def report_command(session: Session, run: Path, open: bool) -> Answer:
+def report_command(
+    session: Session,
+    *,
+    run: Identification,
+    open: bool = option(False, "Open it in the browser.", pair=True),
+) -> Answer:
     """Make the report of a result again."""
-    stored = dynid.loading.load_run(run)
-    made = workflows.report.report(stored)
-    wrote = made.save(session.out or stored.path.parent)
+    made = workflows.report.report(run)
+    wrote = made.save(session.out or run.path.parent)
     if open:
         click.launch(str(wrote[0].resolve()))
     return replace(made.answer(), wrote=wrote)
@@ -138,7 +128,6 @@ def report_command(session: Session, run: Path, open: bool) -> Answer:
         "dynid export out/kuka_lwr4plus --format mjcf --draws 100       arms for randomisation",
     ),
 )
-@click.argument("run", type=PATH)
 @click.option(
     "--format",
     type=click.Choice([*FORMATS, "all"]),
@@ -146,15 +135,13 @@ def report_command(session: Session, run: Path, open: bool) -> Answer:
     required=True,
     help="Format to write; may be given several times.",
 )
-@options_from(ExportOptions)
 def export_command(
-    session: Session, run: Path, format: tuple[str, ...], options: ExportOptions
+    session: Session, *, run: Identification, format: tuple[str, ...], options: ExportOptions
 ) -> Answer:
     """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB."""
-    stored = dynid.loading.load_run(run)
     made = workflows.export.export(
-        stored,
-        session.out or stored.path.parent,
+        run,
+        session.out or run.path.parent,
         options,
         formats=[name for name in FORMATS if name in format or "all" in format],
         seed=session.seed,
@@ -169,6 +156,7 @@ FILTERING = ("cutoff", "velocity", "delay")
 
 @dynid_command(
     "check",
+    without=FILTERING,
     examples=(
         "dynid check my_arm.yaml                           a robot file",
         "dynid check log.bag --robot my_arm.yaml           a log of that arm",
@@ -176,26 +164,17 @@ FILTERING = ("cutoff", "velocity", "delay")
         "dynid check out/my_arm/parameters.npz             the header of a result",
     ),
 )
-@click.argument("paths", metavar="PATH...", nargs=-1, required=True)
-@click.option(
-    "--robot",
-    metavar="ROBOT",
-    help="The arm of the logs; by default the robot file among the paths.",
-)
-@options_from(LogOptions, without=FILTERING)
-@click.option("--convert", is_flag=True, help="Write log.npz: all columns as they were recorded.")
-@click.option(
-    "--fix", is_flag=True, help="Write log.npz after the repairs that lose nothing, and list them."
-)
-@click.option("--strict", is_flag=True, help="Exit with 1 when there are warnings.")
 def check_command(
     session: Session,
-    paths: Sequence[str],
-    robot: str | None,
+    *,
+    paths: tuple[str, ...],
+    robot: str | None = option(
+        None, "The arm of the logs; by default the robot file among the paths.", metavar="ROBOT"
+    ),
     options: LogOptions,
-    convert: bool,
-    fix: bool,
-    strict: bool,
+    convert: bool = option(False, "Write log.npz: all columns as they were recorded."),
+    fix: bool = option(False, "Write log.npz after the repairs that lose nothing, and list them."),
+    strict: bool = option(False, "Exit with 1 when there are warnings."),
 ) -> Answer:
     """Look for mistakes in robot files, logs and results."""
     arm = dynid.load_robot(robot) if robot else None
@@ -218,23 +197,21 @@ def written(session: Session, checked: Checked, options: LogOptions, fix: bool) 
 
 @dynid_command(
     "convert",
+    without=(*FILTERING, "exclude", "anyway", "sort_time"),
     examples=(
         "dynid convert recording/ -o run.csv                a folder of rosbag2 as a table",
         "dynid convert lab.csv --robot my_arm.yaml -o run.npz",
     ),
 )
-@click.argument("log", type=PATH)
-@click.option(
-    "--to",
-    type=FILE,
-    help="File to write: .npz or .csv; -o FILE is the same.",
-)
-@click.option(
-    "--robot", metavar="ROBOT", help="The arm of the log, whose file names topic and columns."
-)
-@options_from(LogOptions, without=(*FILTERING, "exclude", "anyway", "sort_time"))
 def convert_command(
-    session: Session, log: Path, to: Path | None, robot: str | None, options: LogOptions
+    session: Session,
+    *,
+    log: Path,
+    to: Output | None = option(None, "File to write: .npz or .csv; -o FILE is the same."),
+    robot: str | None = option(
+        None, "The arm of the log, whose file names topic and columns.", metavar="ROBOT"
+    ),
+    options: LogOptions,
 ) -> Answer:
     """Write a recording as .npz or .csv; every number stays as it was recorded."""
     target = to or session.out
@@ -254,15 +231,23 @@ def convert_command(
         "dynid import panda.urdf --convention modified",
     ),
 )
-@click.argument("urdf", type=INPUT)
-@options_from(ImportOptions)
-def import_command(session: Session, urdf: Path, options: ImportOptions) -> Answer:
+def import_command(session: Session, *, urdf: Input, options: ImportOptions) -> Answer:
     """Make a robot file from a URDF: DH table, limits, inertias as prior."""
     text, answer = workflows.files.import_urdf(urdf, options)
     path = session.folder(urdf.stem) / f"{urdf.stem}.yaml"
     write_once(session, path, text)
     facts = {**answer.facts, "wrote": [path]}
     return replace(answer, facts=facts, next=[Step("", shell("dynid", "check", path))])
+
+
+#: What the table of jobs shows of each.
+COLUMNS = {
+    "job": "name",
+    "outcome": "outcome",
+    "error %": "relative_error_percent",
+    "held out %": "unseen_relative_error_percent",
+    "what": "message",
+}
 
 
 @dynid_command(
@@ -274,14 +259,13 @@ def import_command(session: Session, urdf: Path, options: ImportOptions) -> Answ
         "dynid run batch.yaml --json-lines | jq .name         follow the jobs as they end",
     ),
 )
-@click.argument("batch", type=INPUT)
-@options_from(RunOptions)
-@click.option("--junit", type=FILE, help="Write a JUnit XML report.")
-@click.option(
-    "--json-lines", is_flag=True, help="Print one line of JSON for each job, when it ends."
-)
 def run_command(
-    session: Session, batch: Path, options: RunOptions, junit: Path | None, json_lines: bool
+    session: Session,
+    *,
+    batch: Input,
+    options: RunOptions,
+    junit: Output | None = option(None, "Write a JUnit XML report."),
+    json_lines: bool = option(False, "Print one line of JSON for each job, when it ends."),
 ) -> Answer:
     """Identify, validate and compare many recordings from one YAML list."""
     if json_lines and session.json:
@@ -300,29 +284,20 @@ def run_command(
 
     words = ["--seed", str(session.seed), *["--force"] * session.force]
     jobs = run(batch, options, session.out or Path("out"), words, ended)
-    if junit is not None:
-        write_text(junit, junit_xml("dynid run", [*map(case_of, jobs)]))
     wrote = [] if junit is None else [junit]
+    for path in wrote:
+        write_text(path, junit_xml("dynid run", [*map(case_of, jobs)]))
     outcomes = Counter(job["outcome"] for job in jobs)
-    facts = {
-        "passed": outcomes["passed"],
-        "beyond_limit": outcomes["beyond a limit"],
-        "failed": outcomes["failed"],
+    counts = {
+        key: outcomes[key.replace("_", " a ")] for key in ("passed", "beyond_limit", "failed")
     }
-    line("end", {**facts, "wrote": wrote})
+    line("end", {**counts, "wrote": wrote})
     failed = [job["status"] for job in jobs if job["outcome"] == "failed"]
-    columns = {
-        "job": "name",
-        "outcome": "outcome",
-        "error %": "relative_error_percent",
-        "held out %": "unseen_relative_error_percent",
-        "what": "message",
-    }
-    rows = [{head: job[key] or None for head, key in columns.items()} for job in jobs]
-    counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
-    verdict = ("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")
+    said = "{passed} of {jobs} passed, {beyond_limit} beyond a limit, {failed} failed"
+    rows = [{head: job[key] or None for head, key in COLUMNS.items()} for job in jobs]
+    verdict = ("verdict", said.format(jobs=len(jobs), **counts))
     return Answer(
-        {"schema": "dynid/run/1", "jobs": jobs, **facts},
+        {"schema": "dynid/run/1", "jobs": jobs, **counts},
         parts=() if json_lines else (Table(rows), "", verdict),
         wrote=wrote,
         status=failed[0] if failed else max(job["status"] for job in jobs),

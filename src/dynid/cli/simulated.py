@@ -11,21 +11,19 @@ import click
 
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import TIP, dynid_command, load_robot, options_from, robot_argument
+from dynid.cli.options import TIP, Existing, dynid_command, load_robot
 from dynid.cli.prompt import may_write
 from dynid.cli.session import Session
 from dynid.disk import sha256
 from dynid.drivers.ros import raise_priority
 from dynid.judgement.rules import Step
+from dynid.options import option
 from dynid.sim.options import SimDriverOptions
 from dynid.text import shell
 from dynid.workflows.options import SimulateOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
-
-
-THERE = click.Path(exists=True, path_type=Path)
 
 
 @dynid_command(
@@ -37,16 +35,7 @@ THERE = click.Path(exists=True, path_type=Path)
         "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log",
     ),
 )
-@click.argument("robot", type=click.Path())
 @TIP
-@click.argument("source", metavar="TRAJECTORY", type=THERE)
-@options_from(SimulateOptions)
-@click.option(
-    "--compare",
-    type=THERE,
-    metavar="LOG",
-    help="Drive the exported files of the two arguments, results of one arm, along this log and show the errors.",
-)
 @click.option(
     "--engine",
     type=click.Choice(["mujoco"]),
@@ -56,19 +45,24 @@ THERE = click.Path(exists=True, path_type=Path)
 )
 def simulate_command(
     session: Session,
+    *,
     robot: str,
+    trajectory: Existing,
     tip: str | None,
-    source: Path,
     options: SimulateOptions,
-    compare: Path | None,
+    compare: Existing | None = option(
+        None,
+        "Drive the exported files of the two arguments, results of one arm, along this log and show the errors.",
+        metavar="LOG",
+    ),
 ) -> Answer:
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     if compare is not None:
-        return compared(session, Path(robot), source, compare)
+        return compared(session, Path(robot), trajectory, compare)
     arm = load_robot(session, robot, tip)
     target = session.folder(arm.slug) / "simulated.npz"
-    inputs = {"robot": arm.model_key, "motion": sha256(source), **options.texts()}
-    simulation = workflows.simulate.simulate(arm, source, options)
+    inputs = {"robot": arm.model_key, "motion": sha256(trajectory), **options.texts()}
+    simulation = workflows.simulate.simulate(arm, trajectory, options)
     wrote = []
     if may_write(session, target, inputs):
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -94,9 +88,7 @@ def compared(session: Session, before: Path, after: Path, log: Path) -> Answer:
         "dynid sim-driver kuka_lwr4plus --rate 200 --torque-noise 0.1 --latency 0.005",
     ),
 )
-@robot_argument
-@options_from(SimDriverOptions)
-def sim_driver_command(session: Session, robot: Robot, options: SimDriverOptions) -> Answer:
+def sim_driver_command(session: Session, *, robot: Robot, options: SimDriverOptions) -> Answer:
     """Simulate an arm behind its driver's topics, in real time."""
 
     def started(topic: str, master: str) -> None:

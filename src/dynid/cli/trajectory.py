@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,18 +12,12 @@ import click
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import (
-    INPUT,
-    PATH,
-    dynid_command,
-    options_from,
-    robot_argument,
-    take_defaults,
-)
+from dynid.cli.options import INPUT, Existing, Input, dynid_command, take_defaults
 from dynid.cli.prompt import Reply, ask, can_ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay
 from dynid.files.yamlfile import read_yaml
+from dynid.options import Options, option
 from dynid.trajectory.options import IN_PLAN_FILE, PlanOptions
 
 if TYPE_CHECKING:
@@ -35,6 +29,36 @@ if TYPE_CHECKING:
 PICTURES = ("preview.png", "preview.gif")
 #: What is said of a motion that nobody has accepted, that was accepted after somebody saw it, and unseen.
 MARKS = {None: "no", True: "yes", False: "accepted unseen"}
+
+
+@dataclass(frozen=True)
+class Surroundings(Options):
+    """What a motion is planned from besides its options, and how it is looked at."""
+
+    from_waypoints: Input | None = option(
+        None, "Go through these points, one per row, instead of searching.", metavar="CSV"
+    )
+    earlier: tuple[Existing, ...] = option(
+        (),
+        "Result whose information the motion completes; may be repeated.",
+        metavar="RESULT",
+        repeatable=True,
+    )
+    for_gap: Input | None = option(
+        None,
+        "Plan the motion that decides between the explanations of a dynid gap search.",
+        metavar="GAP.npz",
+    )
+    preview: str = option(
+        "auto",
+        "How to preview the motion.",
+        choices=("auto", "gui", "video", "picture", "none"),
+    )
+    urdf: Input | None = option(None, "URDF of the arm with its own meshes.")
+    review: Path | None = option(
+        None, "Preview and accept a motion planned before.", metavar="FILE"
+    )
+    accept: bool = option(False, "Mark the motion as reviewed without being asked.")
 
 
 class View(NamedTuple):
@@ -65,6 +89,7 @@ ALPHA = click.FloatRange(0, 1, min_open=True)
 
 @dynid_command(
     "trajectory",
+    without=("processes",),
     examples=(
         "dynid trajectory kinova_gen2                     search, preview, ask; alpha 0.2 for the first run",
         "dynid trajectory kuka_lwr4plus --alpha 1 --duration 10 --segments 5",
@@ -73,76 +98,37 @@ ALPHA = click.FloatRange(0, 1, min_open=True)
         "dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz",
     ),
 )
-@robot_argument
 @click.argument(
     "plan", required=False, metavar="[PLAN.yaml]", type=INPUT, is_eager=True, callback=take_options
 )
-@options_from(PlanOptions, without=("processes",))
-@click.option(
-    "--from-waypoints",
-    metavar="CSV",
-    type=INPUT,
-    help="Go through these points, one per row, instead of searching.",
-)
-@click.option(
-    "--earlier",
-    metavar="RESULT",
-    multiple=True,
-    type=click.Path(path_type=Path, exists=True),
-    help="Result whose information the motion completes; may be repeated.",
-)
-@click.option(
-    "--for-gap",
-    type=INPUT,
-    metavar="GAP.npz",
-    help="Plan the motion that decides between the explanations of a dynid gap search.",
-)
-@click.option(
-    "--preview",
-    type=click.Choice(["auto", "gui", "video", "picture", "none"]),
-    default="auto",
-    help="How to preview the motion.",
-)
-@click.option("--urdf", type=INPUT, help="URDF of the arm with its own meshes.")
-@click.option(
-    "--review", type=PATH, metavar="FILE", help="Preview and accept a motion planned before."
-)
-@click.option("--accept", is_flag=True, help="Mark the motion as reviewed without being asked.")
 def command(
     session: Session,
+    *,
     robot: Robot,
     plan: Path | None,
     options: PlanOptions,
-    from_waypoints: Path | None,
-    earlier: tuple[Path, ...],
-    for_gap: Path | None,
-    urdf: Path | None,
-    review: Path | None,
-    preview: str,
-    accept: bool,
+    around: Surroundings,
 ) -> Answer:
     """Plan an exciting motion, check limits and collisions, preview it, ask for approval."""
     work, path = workflows.trajectory, session.folder(robot.slug) / "trajectory.npz"
     waypoints, options = work.with_plan_file(plan, robot, options)
-    if review is not None:
-        look = view(session, preview, review.parent, accept)
-        return reviewed(session, robot, review, options, urdf, look)
-    files = {"plan": plan, "waypoints": from_waypoints, "gap": for_gap}
-    files |= {f"earlier {k}": file for k, file in enumerate(earlier, start=1)}
-    inputs = work.plan_inputs(robot, options, files)
-    look = view(session, preview, path.parent, accept)
-    if not may_write(session, path, inputs):
+    if around.review is not None:
+        return reviewed(session, robot, around.review, options, around)
+    files = {"plan": plan, "waypoints": around.from_waypoints, "gap": around.for_gap}
+    files |= {f"earlier {k}": file for k, file in enumerate(around.earlier, start=1)}
+    if not may_write(session, path, work.plan_inputs(robot, options, files)):
         answer = work.stored_answer(robot, path)
-        known = answer.facts["reviewed"] or not accept
-        return answer if known else reviewed(session, robot, path, options, urdf, look)
+        known = answer.facts["reviewed"] or not around.accept
+        return answer if known else reviewed(session, robot, path, options, around)
+    look = view(session, around, path.parent)
     while True:
         planned = dynid.plan_trajectory(
             robot,
             options,
-            waypoints=from_waypoints or waypoints,
-            earlier=earlier,
-            for_gap=for_gap,
-            urdf=urdf,
+            waypoints=around.from_waypoints or waypoints,
+            earlier=around.earlier,
+            for_gap=around.for_gap,
+            urdf=around.urdf,
             base=workflows.model.base_model(robot, path.parent),
             drawing=look.drawing,
         )
@@ -179,13 +165,13 @@ def saved(
 
 
 def reviewed(
-    session: Session, robot: Robot, path: Path, options: PlanOptions, urdf: Path | None, look: View
+    session: Session, robot: Robot, path: Path, options: PlanOptions, around: Surroundings
 ) -> Answer:
     """Judge, preview and ask about a motion that was planned before, and mark it."""
-    work = workflows.trajectory
+    work, look = workflows.trajectory, view(session, around, path.parent)
     base = workflows.model.base_model(robot, session.folder(robot.slug))
     motion = work.review_trajectory(
-        robot, path, options, urdf=urdf, base=base, drawing=look.drawing
+        robot, path, options, urdf=around.urdf, base=base, drawing=look.drawing
     )
     pictures, wrote = motion.clearance.pictures, list[Path]()
     session.findings(motion.clearance.findings)
@@ -208,7 +194,7 @@ def asked(session: Session, motion: SafeMotion, look: View) -> Reply:
         return ask(session, "P2", given=look.accept or None)
 
 
-def view(session: Session, wanted: str, folder: Path, accept: bool) -> View:
+def view(session: Session, around: Surroundings, folder: Path) -> View:
     """Decide how to look: a window where there is a display and a person, otherwise pictures.
 
     Raises:
@@ -216,7 +202,7 @@ def view(session: Session, wanted: str, folder: Path, accept: bool) -> View:
     """
     from dynid.trajectory.preview import Drawing, has_display
 
-    picture, animation = (folder / name for name in PICTURES)
+    wanted, (picture, animation) = around.preview, (folder / name for name in PICTURES)
     window, auto = wanted == "gui", wanted == "auto"
     if not has_display():
         if window:
@@ -224,11 +210,11 @@ def view(session: Session, wanted: str, folder: Path, accept: bool) -> View:
         text = f"no display: preview saved as {picture} and {animation} instead"
         session.findings([Finding("W604", "info", text)] * auto)
     elif auto:
-        window = can_ask(session) and not accept
+        window = can_ask(session) and not around.accept
     folder.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(
         picture=picture if wanted in ("auto", "video", "picture") else None,
         animation=animation if wanted in ("auto", "video") else None,
         needed=wanted in ("gui", "video"),
     )
-    return View(drawing, window, accept)
+    return View(drawing, window, around.accept)
