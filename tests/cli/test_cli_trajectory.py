@@ -178,14 +178,3 @@ def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins
     assert np.all((ratio > 1.0 - 1e-9) & (ratio < 3.0 * (1 + 1e-6)))
     assert ratio.max() == pytest.approx(3.0, rel=0.01)
     assert np.allclose(errors[2], errors[0], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    rows("""
-        --floor low      | --floor 'low'
-        --obstacle 1,2,3 | --obstacle 1,2,3 is not possible: it is not 6 numbers
-    """),
-)
-def test_wrong_options_end_with_status_2_and_an_example(dynid, words, says):
-    dynid(f"{LWR} {QUICK} {words}").failed(2, says)

@@ -168,16 +168,6 @@ def test_limits_and_types_are_those_of_the_robot_file():
     assert (limits[2]["lower"], limits[2]["upper"]) == (0.0, 0.5)
 
 
-def test_names_that_mean_something_in_xml_survive():
-    """Quotes, ampersands and angle brackets in joint names are escaped."""
-    names = ('a"b', "c&d", "<e>")
-    robot = Robot("x & y", "standard", tuple(Joint(name, d=0.1) for name in names))
-    root = ET.fromstring(
-        urdf_text(robot, [Body(1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1))] * 3)
-    )
-    assert tuple(joint.get("name") for joint in root.findall("joint")) == names
-
-
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 2.5])
 def test_roll_pitch_yaw_is_exact_where_pitch_is_a_right_angle(pitch):
     """The three angles give the same matrix back, to rounding."""

@@ -1,9 +1,7 @@
 """What is imported is declared, bounded and explained."""
 
 import ast
-import pkgutil
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -68,27 +66,3 @@ def test_every_package_has_its_place_on_the_page_of_dependencies(package):
 )
 def test_a_package_whose_next_major_version_may_break_is_bounded(package):
     assert re.fullmatch(r">=[0-9.]+,<[0-9.]+", declared()[package])
-
-
-#: Imports each module as the first of dynid; the other packages stay.
-FIRST = """
-import importlib, sys
-for name in sys.argv[1:]:
-    for known in [each for each in sys.modules if each.partition(".")[0] == "dynid"]:
-        del sys.modules[known]
-    importlib.import_module(name)
-"""
-
-
-@pytest.mark.slow
-def test_every_command_and_workflow_can_be_imported_first():
-    """In a new interpreter: the commands of the tests run where everything was imported before."""
-    folders = [Path(dynid.__file__).parent / name for name in ("cli", "workflows")]
-    names = [
-        f"dynid.{folder.name}.{each.name}"
-        for folder in folders
-        for each in pkgutil.iter_modules([str(folder)])
-    ]
-    assert {"dynid.cli.loops", "dynid.cli.gap", "dynid.workflows.gap"} <= set(names)
-    done = subprocess.run([sys.executable, "-c", FIRST, *names], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr

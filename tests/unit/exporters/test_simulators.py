@@ -65,19 +65,6 @@ def test_each_link_says_what_comes_from_data_and_what_from_the_prior(format):
     assert "from data: m1" in text
 
 
-def test_bodies_that_cannot_exist_are_found():
-    """A negative mass, a negative moment and a broken triangle inequality are three impossible links."""
-    source = shipped("kuka_lwr4plus")
-    good = Body(1.0, (0, 0, 0.1), (0.1, 0.0, 0.0, 0.1, 0.0, 0.15))
-    bad = (
-        Body(-1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1)),
-        Body(1.0, inertia_com=(-0.1, 0.0, 0.0, 0.1, 0.0, 0.1)),
-        Body(1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.3)),
-    )
-    full = type(source.full)(source.full.robot, (good, *bad, good, good, good), {}, {})
-    assert full.impossible_links() == (2, 3, 4)
-
-
 def test_a_body_that_is_possible_up_to_rounding_is_written_as_mujoco_takes_it(tmp_path):
     """A flat plate, a rod and a point of mass: their pseudo-inertias have eigenvalues of zero."""
     source = shipped("scara")

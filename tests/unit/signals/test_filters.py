@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
-from signal_cases import robot
 
 from dynid import Log, Robot, load_robot
 from dynid.errors import LogTooShort, RateTooLow
@@ -37,6 +36,7 @@ from dynid.signals.filters import (
 from dynid.signals.stamps import without_intervals
 from makelogs import shared_data
 from motions import tones
+from twolink import robot
 
 ARM = Robot("two", "standard", (Joint("first"), Joint("second")))
 

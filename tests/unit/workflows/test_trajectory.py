@@ -30,16 +30,6 @@ def test_a_plan_keeps_the_limits_of_the_robot_file_with_their_margin(lwr, plan):
     assert plan.motion.t[-1] == pytest.approx(6.0)
 
 
-def test_a_saved_plan_is_read_again_and_reviewed_only_when_it_was_accepted(plan, tmp_path):
-    wrote = plan.save(tmp_path / "trajectory.npz")
-    assert [path.suffix for path in wrote] == [".npz", ".csv", ".yaml", ".yaml", ".yaml"]
-    found = dynid.load(tmp_path / "trajectory.npz")
-    assert np.array_equal(found.motion.qdd, plan.motion.qdd)
-    assert not found.reviewed
-    plan.accepted().save(tmp_path / "trajectory.npz")
-    assert dynid.load(tmp_path / "trajectory.npz").reviewed
-
-
 def test_a_plan_goes_through_points_that_are_an_array(lwr):
     points = np.zeros((3, 7))
     points[1, :3] = 0.5, 0.3, -0.2
