@@ -135,7 +135,7 @@ jobs:
 
 @pytest.mark.slow
 def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(story):
-    """One passes, one is beyond its limit, one is broken; a second run identifies nothing, a changed option one again."""
+    """One passes, one is beyond its limit, one is broken; a second run identifies nothing, a changed option one."""
 
     def jobs(text=BATCH, more=""):
         (story.folder / "batch.yaml").write_text(text)
