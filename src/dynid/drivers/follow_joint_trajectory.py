@@ -52,36 +52,83 @@ ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED, LOST = 1, 2, 3, 4, 5,
 #: A goal that has come to one of these moves nothing any more.
 ENDED = (PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED, LOST)
 
-_NUMBERS = "".join(f"uint8 {name.upper()}={k}\n" for k, name in enumerate(STATES))
-_ERRORS = (
-    "SUCCESSFUL",
-    "INVALID_GOAL",
-    "INVALID_JOINTS",
-    "OLD_HEADER_TIMESTAMP",
-    "PATH_TOLERANCE_VIOLATED",
-    "GOAL_TOLERANCE_VIOLATED",
-)
-_CODES = "".join(f"int32 {name}={-k}\n" for k, name in enumerate(_ERRORS))
+#: The definitions as ROS has them: the type, its fields and constants, an empty line.
+MESSAGES = """\
+std_msgs/Header
+uint32 seq
+time stamp
+string frame_id
+
+actionlib_msgs/GoalID
+time stamp
+string id
+
+actionlib_msgs/GoalStatus
+GoalID goal_id
+uint8 status
+uint8 PENDING=0
+uint8 ACTIVE=1
+uint8 PREEMPTED=2
+uint8 SUCCEEDED=3
+uint8 ABORTED=4
+uint8 REJECTED=5
+uint8 PREEMPTING=6
+uint8 RECALLING=7
+uint8 RECALLED=8
+uint8 LOST=9
+string text
+
+trajectory_msgs/JointTrajectoryPoint
+float64[] positions
+float64[] velocities
+float64[] accelerations
+float64[] effort
+duration time_from_start
+
+trajectory_msgs/JointTrajectory
+Header header
+string[] joint_names
+JointTrajectoryPoint[] points
+
+control_msgs/JointTolerance
+string name
+float64 position
+float64 velocity
+float64 acceleration
+
+control_msgs/FollowJointTrajectoryGoal
+trajectory_msgs/JointTrajectory trajectory
+JointTolerance[] path_tolerance
+JointTolerance[] goal_tolerance
+duration goal_time_tolerance
+
+control_msgs/FollowJointTrajectoryResult
+int32 error_code
+int32 SUCCESSFUL=0
+int32 INVALID_GOAL=-1
+int32 INVALID_JOINTS=-2
+int32 OLD_HEADER_TIMESTAMP=-3
+int32 PATH_TOLERANCE_VIOLATED=-4
+int32 GOAL_TOLERANCE_VIOLATED=-5
+string error_string
+
+control_msgs/FollowJointTrajectoryActionGoal
+Header header
+actionlib_msgs/GoalID goal_id
+FollowJointTrajectoryGoal goal
+
+control_msgs/FollowJointTrajectoryActionResult
+Header header
+actionlib_msgs/GoalStatus status
+FollowJointTrajectoryResult result
+
+actionlib_msgs/GoalStatusArray
+Header header
+GoalStatus[] status_list
+"""
 _TEXTS = {
-    "std_msgs/Header": "uint32 seq\ntime stamp\nstring frame_id\n",
-    CANCEL: "time stamp\nstring id\n",
-    "actionlib_msgs/GoalStatus": f"GoalID goal_id\nuint8 status\n{_NUMBERS}string text\n",
-    "trajectory_msgs/JointTrajectoryPoint": (
-        "float64[] positions\nfloat64[] velocities\nfloat64[] accelerations\nfloat64[] effort\n"
-        "duration time_from_start\n"
-    ),
-    "trajectory_msgs/JointTrajectory": "Header header\nstring[] joint_names\nJointTrajectoryPoint[] points\n",
-    "control_msgs/JointTolerance": "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n",
-    "control_msgs/FollowJointTrajectoryGoal": (
-        "trajectory_msgs/JointTrajectory trajectory\nJointTolerance[] path_tolerance\nJointTolerance[] goal_tolerance\n"
-        "duration goal_time_tolerance\n"
-    ),
-    "control_msgs/FollowJointTrajectoryResult": (
-        f"int32 error_code\n{_CODES}string error_string\n"
-    ),
-    GOAL: "Header header\nactionlib_msgs/GoalID goal_id\nFollowJointTrajectoryGoal goal\n",
-    RESULT: "Header header\nactionlib_msgs/GoalStatus status\nFollowJointTrajectoryResult result\n",
-    STATUS: "Header header\nGoalStatus[] status_list\n",
+    kind: f"{text.strip()}\n"
+    for kind, _, text in (message.partition("\n") for message in MESSAGES.split("\n\n"))
 }
 
 

@@ -69,8 +69,10 @@ def read_bag(path: Path) -> Recording:
     reasons = []
     for part in parts_of(path):
         try:
-            for topic, some in (_ros2 if part.suffix in ROS2 else _ros1)(part, counts):
-                collectors.setdefault(topic.name, Collector(topic)).add(some)
+            for topic, count, some in (_ros2 if part.suffix in ROS2 else _ros1)(part):
+                counts[topic] += count
+                if topic.type == JOINT_STATE:
+                    collectors.setdefault(topic.name, Collector(topic)).add(some)
         except Broken as error:
             reasons.append(f"{part.name}: {error}" if part != path else str(error))
     topics = {topic.name: replace(topic, count=count) for topic, count in counts.items()}
@@ -113,19 +115,23 @@ def parts_of(path: Path) -> list[Path]:
 
 
 # ---------------------------------------------------------------- ROS 2
-def _ros2(part: Path, counts: Counter[Topic]) -> Iterator[tuple[Topic, list[Message]]]:
-    """Yield the joint states of a file, and count all messages; ``Broken`` behind those that are readable."""
+#: Topic, how many messages it has besides those that came before, and the messages of joint states themselves.
+Some = tuple[Topic, int, list[Message]]
+
+
+def _ros2(part: Path) -> Iterator[Some]:
+    """Yield what a file holds; ``Broken`` behind what is readable."""
     with _opened(part) as reader:
         if not reader.connections:
             raise Broken("it names no topic")
         for each in reader.connections:
             topic = Topic(each.topic, each.msgtype.replace("/msg/", "/"), cdr=True)
-            counts[topic] += each.msgcount
+            yield topic, each.msgcount, []
             if topic.type != JOINT_STATE:
                 continue
             messages = reader.messages([each])
             while some := list(islice(messages, tuning.MESSAGES)):
-                yield topic, [(arrival, raw) for _, arrival, raw in some]
+                yield topic, 0, [(arrival, raw) for _, arrival, raw in some]
 
 
 @contextmanager
@@ -153,8 +159,8 @@ def _opened(part: Path) -> Iterator[Reader]:
 
 
 # ---------------------------------------------------------------- ROS 1
-def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[tuple[Topic, list[Message]]]:
-    """Yield the joint states of a bag, and count all messages; ``Broken`` behind those that are readable."""
+def _ros1(path: Path) -> Iterator[Some]:
+    """Yield what a bag holds; ``Broken`` behind what is readable."""
     known: dict[bytes, Topic] = {}
     damage, index = None, 0
     with path.open("rb") as stream:
@@ -175,9 +181,7 @@ def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[tuple[Topic, list[Mess
             except Broken as error:
                 damage = damage or error
             for topic, some in found.items():
-                counts[topic] += len(some)
-                if topic.type == JOINT_STATE:
-                    yield topic, some
+                yield topic, len(some), some
     if not index or index >= path.stat().st_size:
         raise Broken("it was never closed, or ends before its index: there is no index")
     if damage:

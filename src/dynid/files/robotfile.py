@@ -116,6 +116,13 @@ def _check_gravity(value: Value, robot: Robot, mount: str) -> None:
 
 
 # ---------------------------------------------------------------- writing
+#: Keys that are left out where they say nothing, in the order of the file.
+OPTIONAL = (
+    *("links", "torque", "driver", "known", "prior"),
+    *("tool", "simulator", "coupling", "coulomb", "effects"),
+)
+
+
 def text_of(robot: Robot, *, with_prior: bool = True) -> str:
     """Return the robot's file, as its user wrote it where it was read from one and has not been changed since.
 
@@ -149,20 +156,15 @@ def robot_text(robot: Robot, head: str = "") -> str:
         "base": {"xyz": list(robot.base_xyz), "rpy": [_angle(angle) for angle in robot.base_rpy]},
         "joints": [_joint_row(joint) for joint in robot.joints],
     }
-    if robot.links:
-        document["links"] = list(robot.links)
-    if robot.torque != TorqueSource():
-        document["torque"] = _given(robot.torque)
-    if robot.driver is not None:
-        document["driver"] = _given(robot.driver)
-        document["driver"] |= document["driver"].pop("map")
-    if robot.known != Known():
-        known = document["known"] = _given(robot.known)
-        for key in known.keys() - {"total_mass"}:
-            known[key] = {str(link): bounds for link, bounds in known[key]}
-    for key in ("prior", "tool", "simulator", "coupling", "coulomb", "effects"):
-        if value := getattr(robot, key):
+    for key in OPTIONAL:
+        value = getattr(robot, key)
+        if value and value not in (TorqueSource(), Known()):
             document[key] = _given(value)
+    if robot.driver is not None:
+        document["driver"] |= document["driver"].pop("map")
+    for key, bounds in document.get("known", {}).items():
+        if key != "total_mass":
+            document["known"][key] = {str(link): each for link, each in bounds}
     comment = "".join(f"# {printable(line)}\n" for line in head.splitlines())
     return comment + yaml_text(document, width=140)
 
