@@ -69,8 +69,8 @@ class Collector:
     def __init__(self, topic: Topic) -> None:
         self.reason = ""
         self._topic = topic
-        # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
-        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns], set[str]]] = {}
+        # By the joints that messages carry: names in the order of the first message, and the numbers.
+        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns]]] = {}
 
     def add(self, some: Iterable[Message]) -> None:
         """Take messages, those of one length and layout in one go."""
@@ -99,9 +99,7 @@ class Collector:
     def _keep(self, layout: _Layout, arrival: Times, table: Bytes) -> None:
         """Keep the numbers of messages of one layout, one a row."""
         names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
-        first, blocks, filled = self._groups.setdefault(
-            frozenset(names) or width, (names, [], set())
-        )
+        first, blocks = self._groups.setdefault(frozenset(names) or width, (names, []))
         order = [names.index(name) for name in first] or slice(None)
         # Unit: bytes 4-11 are the stamp, in ROS 1 behind a sequence number, in CDR behind the encapsulation.
         stamp = _numbers(table, 4, 2, "<u4") @ NANOSECONDS
@@ -109,7 +107,6 @@ class Collector:
         for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
             # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
             block[key] = np.full((len(table), width), np.nan)
-            filled.update({key} if count else ())
             if count == width:
                 block[key] = _numbers(table, place, count, "<f8")[:, order]
         blocks.append(block)
@@ -175,11 +172,11 @@ class _Layout:
 
 
 # ---------------------------------------------------------------- columns to logs
-def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic: str) -> Log:
+def _log(names: tuple[str, ...], blocks: list[Columns], topic: str) -> Log:
     """Return messages, put in the order of arrival, as a raw log.
 
     ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, the first and last ``arrival_ns``,
-    and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
+    and as ``absent`` the fields of which no message has a number; absent positions and efforts are NaN.
     """
     order = np.argsort(np.concatenate([block["arrival"] for block in blocks]), kind="stable")
     columns = {key: np.concatenate([block[key] for block in blocks])[order] for key in blocks[0]}
@@ -190,17 +187,18 @@ def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic:
     ticking = len(np.unique(stamp)) >= max(2, tuning.LEAST_DISTINCT * len(stamp))
     stamped = ticking and bool(np.all(stamp[1:] > 0))
     ns = stamp if stamped else arrival
+    absent = tuple(key for key in FIELDS if np.isnan(columns[key]).all())
     return Log(
         t=(ns - ns[0]) * 1e-9,
         q=columns["position"],
         tau=columns["effort"],
         names=names,
-        qd=columns["velocity"] if "velocity" in filled else None,
+        qd=None if "velocity" in absent else columns["velocity"],
         topic=topic,
         extra={
             "clock": "header" if stamped else "arrival",
             "start_ns": int(ns[0]),
             "arrival_ns": (int(arrival[0]), int(arrival[-1])),
-            "absent": tuple(key for key in FIELDS if key not in filled),
+            "absent": absent,
         },
     )

@@ -8,6 +8,7 @@ from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -87,26 +88,19 @@ def text_table(path: Path) -> TextTable:
         LogNotFound: it cannot be read, or is no text.
         LogLayout: there are no rows, or the header names another number of columns than they have.
     """
-    head: list[tuple[int, str]] = []
-    rows: list[tuple[int, str]] = []
-    for number, line in _lines(path):
-        commented = line[0] in COMMENT
-        if not commented and (rows or _is_data(line)):
-            rows.append((number, line))
-        elif not rows:
-            head.append((number, line))
-        if len(rows) >= tuning.FIRST_ROWS or number >= tuning.FIRST_LINES:
-            break
-    if not rows:
+    lines = list(islice(_lines(path), tuning.FIRST_LINES))
+    plain = [k for k, (_, line) in enumerate(lines) if line[0] not in COMMENT]
+    begin = next((k for k in plain if _is_data(lines[k][1])), None)
+    if begin is None:
         raise LogLayout(f"{path.name} has no samples", where=path)
-    start, model = rows[0]
+    start, model = lines[begin]
     delimiter = next((sign for sign in DELIMITERS if sign in model.strip()), None)
     first = _cells(model, delimiter)
-    cells = [cell for _, line in rows for cell in _cells(line, delimiter)]
+    cells = [cell for k in plain if k >= begin for cell in _cells(lines[k][1], delimiter)]
     commas = sum(bool(_WITH_COMMA.fullmatch(cell)) for cell in cells)
     comma = delimiter != "," and commas > sum("." in cell for cell in cells)
     table = TextTable(path, delimiter, comma, start, first)
-    names, units = _header(table, head)
+    names, units = _header(table, lines[:begin])
     return replace(table, names=names, units=units)
 
 

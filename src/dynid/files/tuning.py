@@ -4,9 +4,8 @@
 MESSAGES = 4096
 #: Least share of distinct header stamps among the messages of a topic: a clock ticks. Evidence: none yet.
 LEAST_DISTINCT = 0.5
-#: Lines that show the dialect of a table, and rows of numbers among them. Evidence: headers of recorders have
-#: up to some tens of lines.
-FIRST_LINES, FIRST_ROWS = 200, 40
+#: Lines that show the dialect of a table. Evidence: headers of recorders have up to some tens of lines.
+FIRST_LINES = 200
 
 #: Start beyond which time counts from the first sample [s]. Evidence: 1e6 s are 11 days, which no recording has.
 CALENDAR_FROM_S = 1e6
