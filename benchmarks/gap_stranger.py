@@ -407,20 +407,21 @@ def bristles(x):
 
 def play(x):
     """Return what backlash adds: the link lies behind its motor in a gap with elastic flanks, integrated finely."""
-    half, omega, parts = abs(x.a), 2 * np.pi * x.p["hertz"], 4
+    half, omega = abs(x.a), 2 * np.pi * x.p["hertz"]
     thin = inertias(x.arm.model, x.s.q[::50] + x.arm.turn)[:, x.j]
     inertia = np.interp(np.arange(len(x.t)), np.arange(0, len(x.t), 50), thin)
-    at, w, h = half * np.sign(x.load[0]), 0.0, STEP / parts
-    lag = np.empty((len(x.t), 3))
+    # Why pressed in: a link that begins free lands with a shock that no size of the gap changes.
+    at, w, h = half * np.sign(x.load[0]) + x.load[0] / inertia[0] / omega**2, 0.0, STEP / 4
+    lag = np.zeros((len(x.t), 3))
     for i, (pull, mass) in enumerate(zip(x.load.tolist(), inertia.tolist(), strict=True)):
         stiff, damp = mass * omega**2, 2 * x.p["damping"] * mass * omega
-        for _ in range(parts):
+        for _ in range(4):
             over = at - half if at > half else at + half if at < -half else 0.0
             contact = stiff * over + damp * w if over else 0.0
             w += h * (pull - contact) / mass
             at += h * w
         lag[i] = at, w, (pull - contact) / mass
-    links = [x.s.q.copy(), x.s.v.copy(), x.s.a.copy()]
+    links = [each.copy() for each in (x.s.q, x.s.v, x.s.a)]
     for link, behind in zip(links, lag.T, strict=True):
         link[:, x.j] -= behind
     return x.arm.rigid(*links) - x.rigid
@@ -1128,7 +1129,7 @@ def reliability(rows):
             if p is not None:
                 right = (name, first) in hidden or (name in WHOLE and name in laws)
                 pairs.append((p, right))
-    ends = (0, 0.2, 0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 1.01)
+    ends = (0, 0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 1.01)
     for least, most in itertools.pairwise(ends):
         chosen = [good for p, good in pairs if least <= p < most]
         if chosen:
@@ -1169,7 +1170,6 @@ def main():
         if args.only in ("", kind, "single" if kind == "stribeck" else kind):
             wanted.append(name)
             jobs += [] if name in answers else [(args.folder, seed, k)]
-    print(f"{len(jobs)} to do", flush=True)
     with ProcessPoolExecutor(args.jobs) as pool:
         for row in pool.map(work, *zip(*jobs, strict=True)):
             name = f"{row['seed']}/{row['case']:02d}"

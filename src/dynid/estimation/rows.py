@@ -227,7 +227,7 @@ def pieces(log: ConditionedLog) -> Iterator[Segment]:
 def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
     """Return signals under the filter of the torques, (C, N) -> (C, M)."""
     kernel, step = chosen.second_kernel, chosen.second_step
-    return decimate(np.ascontiguousarray(signals), kernel, step)[0]
+    return decimate(signals, kernel, step)[0]
 
 
 def _counts(log: ConditionedLog) -> list[int]:

@@ -129,8 +129,8 @@ def _proved(search: EffectSearch) -> GapAnalysis:
         after, failing = left_by(effects), []
         for one in effects:
             without = left_by([other for other in effects if other is not one])
-            falls = (power(without) - power(after)) / max(one.visible**2, 1e-12)
-            if why := refusal(search, one, changed, falls):
+            fall = (power(without) - power(after)) / max(power(without - after), 1e-12)
+            if why := refusal(search, one, changed, fall):
                 failing.append((one, why))
         if not failing:
             break
@@ -144,7 +144,7 @@ def _proved(search: EffectSearch) -> GapAnalysis:
     return GapAnalysis(
         search=search,
         joints=tuple(localise_residual(replace(first, noise=problem.noise).regression())),
-        improvement=held_out_improvement(in_time, left_by([]), after, search.errors),
+        improvement=held_out_improvement(in_time, left_by([]), after, search.known_power),
         verdict=verdict,
         closest=closest,
         remainder=remainder,

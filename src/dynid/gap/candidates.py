@@ -99,6 +99,18 @@ class Candidate:
             others[j] = np.concatenate([self.others[j], rows.bands.products(flat, more)], axis=2)
         return replace(self, others=others)
 
+    def at(self, g: int) -> Candidate:
+        """Return the candidate with one of its shapes."""
+        k = self.rms.shape[1]
+        return replace(
+            self,
+            shapes=self.shapes[g : g + 1],
+            columns={j: C[g : g + 1] for j, C in self.columns.items()},
+            own={j: own[:, g : g + 1] for j, own in self.own.items()},
+            others={j: other[:, g * k : g * k + k] for j, other in self.others.items()},
+            rms=self.rms[g : g + 1],
+        )
+
     @cached_property
     def alike(self) -> Floats:
         """How alike its columns are: correlations, (G, k, k).

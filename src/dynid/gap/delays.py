@@ -13,7 +13,6 @@ from dynid.arrays import Floats
 from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.evidence import Rest
-from dynid.gap.known_errors import KnownErrors
 from dynid.gap.problem import GapProblem, make_problem
 from dynid.gap.search import Search
 from dynid.gap.selected_effects import Key, SelectedEffect
@@ -39,7 +38,7 @@ class EffectSearch:
         problem: the same with delays taken out.
         selected: effects that were found, a delay included.
         visibility: largest visible share of each candidate.
-        errors: what recorder, filter and reversals do.
+        known_power: expected square of what recorder, filter and reversals do, (M, n).
         rest: what is missing without a name.
         events: short disturbances that do not repeat, the loudest first.
     """
@@ -50,7 +49,7 @@ class EffectSearch:
     problem: GapProblem
     selected: list[SelectedEffect]
     visibility: dict[Key, float]
-    errors: KnownErrors
+    known_power: Floats
     rest: Rest
     events: tuple[Event, ...]
 
@@ -108,7 +107,7 @@ def search_effects(
         problem=problem,
         selected=selected,
         visibility=search.visibility,
-        errors=evidence.known_errors,
+        known_power=state.rows.known_power(evidence),
         rest=evidence.rest(),
         events=find_strays(state, base.robot, problem.noise.unrepeatable),
     )

@@ -24,7 +24,7 @@ from dynid.arrays import Floats, Mask
 from dynid.gap import tuning
 from dynid.gap.bands import Bands, instants
 from dynid.gap.gap_rows import GapRows
-from dynid.gap.known_errors import SHARP, KnownErrors, error_columns
+from dynid.gap.known_errors import SHARP, error_columns
 from dynid.gap.noise import NoiseModel, RepeatPair
 from dynid.gap.rest import rest_columns
 
@@ -288,14 +288,6 @@ class Evidence:
         model = self.joints[joint]
         return back(model.root, model.towards @ np.append(1.0, -self.estimate))
 
-    @property
-    def known_errors(self) -> KnownErrors:
-        """What no effect has to explain, known errors as large as they are most likely."""
-        first = self.base - self.shared
-        own = [self.rest_of(j)[: model.errors] for j, model in enumerate(self.joints)]
-        common = self.estimate[first : self.base]
-        return KnownErrors(common, np.array(own), self.covariance[:first, :first])
-
     def seen(self, size: Floats, joints: Sequence[int], part: slice | None = None) -> Floats:
         """Return the rms of what some columns say that base parameters and names cannot, in units of the noise, (n,).
 
@@ -387,11 +379,13 @@ class EvidenceRows:
         bands: how rows become rows by frequency.
         own: [R, torque, base] of each joint, (s, F).
         filtered: R of each joint as it is filtered, (r, M).
+        common: errors that all joints share, filtered, (c, n, M).
     """
 
     bands: Bands
     own: list[Floats]
     filtered: list[Floats]
+    common: Floats
 
     @property
     def rows(self) -> GapRows:
@@ -401,6 +395,23 @@ class EvidenceRows:
     def with_rows(self, rows: GapRows) -> EvidenceRows:
         """Return the same with effects that are made of other motion, or scale with another model."""
         return replace(self, bands=replace(self.bands, rows=rows))
+
+    def common_torque(self, evidence: Evidence) -> Floats:
+        """Return the errors that all joints share as large as they are most likely, (n, M)."""
+        size = evidence.estimate[evidence.base - len(self.common) : evidence.base]
+        return np.tensordot(size, self.common, 1)
+
+    def known_power(self, evidence: Evidence) -> Floats:
+        """Return the expected square of what no effect has to explain, (M, n).
+
+        Known errors, each as large as it is most likely, and unsure base parameters.
+        """
+        W, torque = self.rows.W, self.common_torque(evidence)
+        unsure = evidence.covariance[: W.shape[2], : W.shape[2]]
+        for j, model in enumerate(evidence.joints):
+            known = slice(model.errors)
+            torque[j] += evidence.rest_of(j)[known] @ self.filtered[j][known]
+        return np.einsum("mjp,pq,mjq->mj", W, unsure, W, optimize=True) + torque.T**2
 
     def products(self, joint: int, C: Floats) -> Products:
         """Return products of further columns, (..., k, F), with themselves and with [R, torque, base]."""
@@ -455,4 +466,4 @@ def evidence_of(
         held[:p] += prior[:, :p].T @ prior[:, -1]
     price = float(np.log(7.0 * n))
     evidence = Evidence(tuple(models), information, held, price, size, size - p)
-    return evidence.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered)
+    return evidence.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered, common)

@@ -129,7 +129,6 @@ class GapRows:
         columns = np.zeros((len(on), len(shapes), len(effect.amplitudes(shapes[0])), len(self)))
         for part, log, motion in zip(self.parts, self.logs, self.motions, strict=True):
             if (always or self.is_new[part.start]) and self.use[part][:, on].any():
-                # Why shape by shape: a filter takes five times the memory of what it is given.
                 for g, raw in enumerate(effect.tried(motion, joints, shapes)):
                     kept = parallel_filtered(raw.reshape(-1, len(motion)), log.filter)
                     columns[:, g, :, part] = kept.reshape(*raw.shape[:2], -1).swapaxes(0, 1)

@@ -10,7 +10,6 @@ import numpy as np
 from dynid.arrays import Floats, Ints, Mask
 from dynid.gap.counterbalance import Links
 from dynid.gap.delays import EffectSearch
-from dynid.gap.known_errors import KnownErrors
 from dynid.gap.problem import GapProblem
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
@@ -74,7 +73,7 @@ def rms_of(left: Floats) -> Floats:
 
 
 def held_out_improvement(
-    problem: GapProblem, before: Floats, after: Floats, errors: KnownErrors
+    problem: GapProblem, before: Floats, after: Floats, known_power: Floats
 ) -> HeldOutImprovement:
     """Return the gap on held-out rows before and after.
 
@@ -82,7 +81,7 @@ def held_out_improvement(
         problem: the problem.
         before: what is left without effects, (M, n).
         after: and with them.
-        errors: what no effect has to explain.
+        known_power: expected square of what no effect has to explain, (M, n).
     """
     rows, use = problem.rows, _judged(problem)
     # Why longer: what a joint leaves of a comparison with earlier logs goes on for longer.
@@ -91,7 +90,7 @@ def held_out_improvement(
     block = 1_000_000 * rows.part + rows.at // max(1, round(length * rows.rate))
     ratio = [_ratio(b, a, block, j) for j, (b, a) in enumerate(zip(before.T, after.T, strict=True))]
     # What no effect has to explain, but for noise.
-    known = rms_of(np.where(use, np.sqrt(errors.power(rows)), np.nan))
+    known = rms_of(np.where(use, np.sqrt(known_power), np.nan))
     return HeldOutImprovement(
         rms_of(before),
         rms_of(after),

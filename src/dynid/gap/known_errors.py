@@ -6,7 +6,7 @@ each column is scaled to one standard deviation of what it stands for, which fol
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -116,25 +116,3 @@ def error_columns(rows: GapRows) -> tuple[Floats, Floats]:
     own = rows.filtered(inertial).swapaxes(0, 1)
     shapes = [reversal_columns(rows, j) for j in range(len(own))]
     return rows.filtered(common), np.concatenate([shapes, own], axis=1)
-
-
-@dataclass(frozen=True)
-class KnownErrors:
-    """What no effect has to explain: known errors, each in its own standard deviations, and unsure base parameters.
-
-    Attributes:
-        common: errors that all joints share, (1 + 2 n,).
-        own: errors of one joint alone, (n, 7 + 2 n).
-        covariance: of the base parameters, (p, p).
-    """
-
-    common: Floats
-    own: Floats
-    covariance: Floats
-
-    def power(self, rows: GapRows) -> Floats:
-        """Return the expected square of all of them, filtered, (M, n)."""
-        unsure = np.einsum("mjp,pq,mjq->mj", rows.W, self.covariance, rows.W, optimize=True)
-        common, own = error_columns(rows)
-        torque = np.tensordot(self.common, common, 1) + np.einsum("jc,jcm->jm", self.own, own)
-        return unsure + torque.T**2

@@ -56,6 +56,7 @@ class Look:
     Attributes:
         place: the effect, of a name exact at its size, and where it sits.
         candidate: what is looked at.
+        alone: the same at the shape that it was looked at with.
         shape: its best shape.
         scale: of its prior, in units of the noise.
         log_odds: that it is there, against nothing with a name.
@@ -66,6 +67,7 @@ class Look:
 
     place: Place
     candidate: Candidate
+    alone: Candidate
     shape: dict[str, float]
     scale: float
     log_odds: float
@@ -164,7 +166,7 @@ class Search:
         self.first, self.rows = evidence_of(rows, problem.noise, problem.repeats, problem.prior)
         self.made: dict[tuple[tuple[Key, bool], float], list[Candidate]] = {}
         self.barred: set[tuple[Key, bool]] = set()
-        self.instead: list[list[Look]] = []
+        self.instead: list[Sequence[Look]] = []
         self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
         self.visibility: dict[Key, float] = {}
         for one in self.start.candidates:
@@ -206,11 +208,13 @@ class Search:
             if best.late:
                 return state, self._late(state, best), True
             named = [*state.named, *self._taken(best, looks)]
-            state = self._exchanged(self._built(named, best.evidence))
+            state = self._exchanged(
+                self._built(named, best.evidence), [] if best.place.always else looks
+            )
         late = next((c for c in state.candidates if c.place.effect.name == DELAY), None)
         small = None
         if late is not None:
-            small = self._late(state, Look(late.place, late, {}, 1.0, 0.0, state.evidence))
+            small = self._late(state, Look(late.place, late, late, {}, 1.0, 0.0, state.evidence))
         return self._with_rivals(state, likely), small, False
 
     def with_numbers(self, state: State) -> list[SelectedEffect]:
@@ -241,13 +245,13 @@ class Search:
         open_ = [one for one in state.candidates if one.place.at not in taken]
         picked = [k for k, one in enumerate(open_) if one.place.key == own]
         bare = evidence.smaller(1.0)
-        for some in (evidence, evidence.smaller(0.5), bare):
+        for some in (evidence, evidence.smaller(0.5)):
             odds = np.array([gains(some, one).log_odds.max() for one in open_])
             best = np.argsort(-odds, kind="stable")[: tuning.MOST_LOOKS]
             picked += best[odds[best] >= tuning.WORTH_A_LOOK].tolist()
         looks = [self._look(state, bare, open_[k]) for k in dict.fromkeys(picked)]
         looks = [one for one in looks if one.log_odds > 0.0]
-        looks = [replace(one, visible=max(self._visible(state, one).values())) for one in looks]
+        looks = [replace(one, visible=max(self._visible(one).values())) for one in looks]
         # Why first: a long log is sure of torques that matter to nobody, and they are no rivals of what does.
         looks = [one for one in looks if one.visible >= tuning.MATERIAL]
         top = max((one.log_odds for one in looks), default=0.0)
@@ -277,16 +281,15 @@ class Search:
         g = int(np.argmax(gained.log_odds))
         # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
         _, shape, scale = integrated(bare, state.rows, one, state.added)
-        looks = [self._look_from(state, one, one.shapes[g], float(gained.scale[g]))]
+        looks = [self._look_from(state, one, one.at(g), float(gained.scale[g]))]
         if shape != one.shapes[g]:
-            looks.append(self._look_from(state, one, shape, scale))
+            refined = candidate(state.rows, one.place, [shape], state.added)
+            looks.append(self._look_from(state, one, refined, scale))
         return max(looks, key=lambda look: look.log_odds)
 
-    def _look_from(
-        self, state: State, one: Candidate, shape: dict[str, float], scale: float
-    ) -> Look:
+    def _look_from(self, state: State, one: Candidate, alone: Candidate, scale: float) -> Look:
         """Return a candidate with the rest sized beside one of its shapes."""
-        evidence, alone = state.evidence, candidate(state.rows, one.place, [shape], state.added)
+        evidence = state.evidence
         strength = {
             j: float(np.trace(own.sum(axis=0)[0]) / max(evidence.joints[j].counts.sum(), 1.0))
             for j, own in alone.own.items()
@@ -298,12 +301,13 @@ class Search:
             gained = gains(sized, some)
             g = int(np.argmax(gained.log_odds))
             odds = self._odds(state, one, sized, float(gained.log_odds[g]))
-            looks.append(Look(one.place, one, some.shapes[g], float(gained.scale[g]), odds, sized))
+            best, size = some.at(g), float(gained.scale[g])
+            looks.append(Look(one.place, one, best, best.shapes[0], size, odds, sized))
         return max(looks, key=lambda look: look.log_odds)
 
-    def _visible(self, state: State, look: Look) -> dict[int, float]:
+    def _visible(self, look: Look) -> dict[int, float]:
         """Return the visible size of a candidate by joint in units of the noise, beside what is named."""
-        one = candidate(state.rows, look.place, [look.shape], state.added)
+        one = look.alone
         wide = one.among(look.evidence, 1.0)
         part = slice(look.evidence.width, wide.width)
         size = gains(look.evidence, one).amplitudes[0]
@@ -350,17 +354,24 @@ class Search:
                 break
         return State(tuple(named), tuple(added), sized, rows, self._candidates(rows, added))
 
-    def _look_instead(self, state: State) -> None:
-        """Look at what explains the rows in place of each name that is told, itself included."""
+    def _look_instead(self, state: State, last: Sequence[Look] = ()) -> None:
+        """Look at what explains the rows in place of each name that is told, itself included; ``last`` for the last."""
         self.instead = [
             [] if one.place.always else self.looks(state.without(k), one.place.key)
-            for k, one in enumerate(state.named)
+            for k, one in enumerate(state.named[: -1 if last else None])
         ]
+        self.instead += [last] if last else []
 
-    def _exchanged(self, state: State) -> State:
-        """Return a state with better names instead, without those that the others do without; these are barred."""
+    def _exchanged(self, state: State, looks: Sequence[Look]) -> State:
+        """Return a state with better names instead, without those that the others do without; these are barred.
+
+        Args:
+            state: the names.
+            looks: those that the last name is the best of; none for one that always was.
+        """
         for _ in range(EXCHANGES):
-            self._look_instead(state)
+            self._look_instead(state, looks)
+            looks = ()
             for k, one in enumerate(state.named):
                 if one.place.always:
                     continue
@@ -403,7 +414,7 @@ class Search:
         # Why without the skew of the recorder: it is a delay too, and what is told is the whole.
         skew = self.problem.base.rank
         evidence = look.evidence.without(slice(skew, skew + 1))
-        return self._told(state, look, evidence, self._visible(state, look))
+        return self._told(state, look, evidence, self._visible(look))
 
     def _with_numbers(self, state: State, k: int) -> SelectedEffect:
         """Return a name with sizes and errors, everything else and its own shape being integrated out."""

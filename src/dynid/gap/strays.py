@@ -9,7 +9,6 @@ import numpy as np
 from dynid.arrays import Floats, Ints
 from dynid.gap import tuning
 from dynid.gap.gap_rows import GapRows
-from dynid.gap.known_errors import error_columns
 from dynid.gap.search import State
 from dynid.judgement.gap import Event
 from dynid.robot import Joint, Robot
@@ -25,9 +24,8 @@ def find_strays(state: State, robot: Robot, shown: Sequence[int]) -> tuple[Event
     """
     bands, evidence, rows = state.rows.bands, state.evidence, state.rows.rows
     noise, theta, p = bands.noise, evidence.estimate, rows.W.shape[2]
-    common = error_columns(rows)[0]
-    shared = np.tensordot(theta[p : p + len(common)], common, 1)
-    left, events = (rows.tau - rows.W @ theta[:p]).T - shared, list[Event]()
+    left = (rows.tau - rows.W @ theta[:p]).T - state.rows.common_torque(evidence)
+    events = list[Event]()
     for k, one in enumerate(state.named):
         place, size = one.place, theta[state.columns(k)]
         columns = rows.columns(place.effect, place.joints, [one.shape], always=place.always)

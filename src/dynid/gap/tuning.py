@@ -51,8 +51,8 @@ CHANGES = {
 #: number.
 FAR = 3.0
 #: Log odds of the first look from which a candidate is looked at with the rest sized beside it, and how many are at
-#: each of three sizes of the rest.
-WORTH_A_LOOK, MOST_LOOKS = 2.0, 6
+#: each of two sizes of the rest: of 24 names and rivals, all were among the first four of one of them.
+WORTH_A_LOOK, MOST_LOOKS = 2.0, 4
 #: Visible size in units of the noise from which an effect is of any account, and a rest is.
 MATERIAL, MATERIAL_REST = 0.3, 0.5
 #: Log odds of a rest that is told.

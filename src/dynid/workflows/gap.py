@@ -34,6 +34,7 @@ from dynid.gap.candidates import SelectionOptions
 from dynid.gap.counterbalance import COUNTERBALANCE, Suspicion, suspicions
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.record import effect_of, new_name, record_of
+from dynid.gap.tuning import REST_SURE
 from dynid.judgement.evidence import Evidence
 from dynid.judgement.gap import GapEffect, GapRecord
 from dynid.loading import (
@@ -542,8 +543,10 @@ class _Search:
         search, effects, joints = analysis.search, self.wanted.effects, self.wanted.joints
         if effects and COUNTERBALANCE not in effects:
             return []
+        # Why not beside what has no name: links that imitate that too would pass for a counterbalance.
+        clean = search.rest.odds < REST_SURE
         every = suspicions(search.problem, search.selected)
-        return [one for one in every if not joints or one.joint in joints]
+        return [one for one in every if clean[one.joint] and (not joints or one.joint in joints)]
 
     def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
         """Return an analysis as the answer to a question, without logs and signals."""
