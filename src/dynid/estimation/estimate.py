@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
+from dynid.answer import picked
 from dynid.arrays import Floats, Mask
 from dynid.errors import (
     Finding,
@@ -157,60 +158,46 @@ def estimate(
     if name == "iv":
         _require_followed(stack, plain)
     physical = method == "auto" if feasible is None else feasible
-    post = physical_posterior(plain, stack, residual_model=residual_model, size=size)
-    used = post
+    used = post = physical_posterior(plain, stack, residual_model=residual_model, size=size)
     if not physical:
-        used = replace(
-            post,
-            theta=plain.theta,
-            covariance=plain.covariance,
-            error=None,
-            changes=post.changes[:, :0],
-        )
+        none = post.changes[:, :0]
+        used = replace(post, **picked(plain, "theta", "covariance"), error=None, changes=none)
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, plain.covariance, post.theta)
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
-    held_rms, held_percent = None, None
+    held_rms, held_percent, held_out = None, None, "nothing held out"
     if holdout is not None:
-        train, test, _ = holdout
-        fit, error = fitted(train, name), used.error
+        train, test, held_out = holdout
+        again, error = fitted(train, name), used.error
+        theta = again.theta
         if physical:
-            again = physical_posterior(fit, train, residual_model=error is not None, like=error)
-            held_rms, held_percent = _errors(test, again.theta, again.error)
-        else:
-            held_rms, held_percent = _errors(test, fit.theta, None)
+            found = physical_posterior(again, train, residual_model=error is not None, like=error)
+            theta, error = found.theta, found.error
+        held_rms, held_percent = _errors(test, theta, error)
     rms, total = _errors(stack, used.theta, used.error)
     std_error, knowledge = _certainty(plain, used, physical=physical)
+    findings = physics_findings(plain, stack, post.alone, knowledge, used.error, physical)
+    apart = apart_findings(stack.joints, used.error)
     return Identification(
-        robot=base.robot,
-        reduction=base.reduction,
+        **picked(base, "robot", "reduction"),
+        **picked(plain.solution, "rank", "condition_number_scaled"),
+        **picked(used, "theta", "covariance", "physical", model_error="error"),
         fit=plain,
         joints=_qualities(stack, rms, held_rms),
         relative_error_percent=total,
         heldout_relative_error_percent=held_percent,
-        heldout=holdout[2] if holdout else "nothing held out",
-        rank=plain.solution.rank,
+        heldout=held_out,
         condition_number=condition_number(plain.whitened, plain.solution.rank),
-        condition_number_scaled=plain.solution.condition_number_scaled,
         samples=stack.samples,
         expected=expected_error(stack, used, rms),
         why=why,
-        theta=used.theta,
-        covariance=used.covariance,
         std_error=std_error,
         knowledge=knowledge,
         prior=prior,
-        physical=post.physical,
         in_force="physical" if physical else "plain",
-        model_error=used.error,
-        findings=(
-            *excitation,
-            *sensor_findings(base),
-            *physics_findings(plain, stack, post.alone, knowledge, used.error, physical),
-            *apart_findings(stack.joints, used.error),
-        ),
+        findings=(*excitation, *sensor_findings(base), *findings, *apart),
         motions=tuple(log_motion(log)[: tuning.MOTION_SAMPLES] for log in stack.logs),
         rigid=base.model.rigid,
         stack=stack,
@@ -334,13 +321,13 @@ def excitation_findings(
     return (Finding("W402", "warning", text, evidence),)
 
 
-def sensor_findings(base: BaseModel) -> list[Finding]:
+def sensor_findings(base: BaseModel) -> Iterator[Finding]:
     """Say what a torque sensor between gear and link cannot see."""
     parameters = zip(base.names, base.reduction.base, strict=True)
     rotors = [name for name, k in parameters if base.model.parameters[k].kind == "Im"]
     source, named = base.robot.torque.source, ", ".join(rotors)
     if source not in ("joint_sensor", "unknown") or not rotors:
-        return []
+        return
     text = (
         f"torques come from joint sensors after the gears: {named} and friction describe the link side of "
         "the sensor only; rotor inertia and motor friction are largely invisible"
@@ -351,20 +338,20 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
             "friction would describe the link side only; write `torque: {source: joint_sensor}`, motor_torque or "
             "motor_current"
         )
-    return [Finding("W410", "info", text, {"parameters": rotors})]
+    yield Finding("W410", "info", text, {"parameters": rotors})
 
 
-def apart_findings(joints: Sequence[str], error: ModelError | None) -> list[Finding]:
+def apart_findings(joints: Sequence[str], error: ModelError | None) -> Iterator[Finding]:
     """Say which joints have torques that contradict those of the others, of the model error in force."""
     if error is None or not error.apart.any():
-        return []
+        return
     names = [joints[j] for j in error.joints_apart]
     text = (
         f"the torques of {', '.join(names)} contradict those of the other joints: another scale or sign, a part of "
         "it, a stuck reading, or what the model lacks. They have parameters of their own in predictions and no say in "
         "those of the arm"
     )
-    return [Finding("W413", "warning", text, {"joints": names})]
+    yield Finding("W413", "warning", text, {"joints": names})
 
 
 def physics_findings(
@@ -374,7 +361,7 @@ def physics_findings(
     knowledge: tuple[str, ...],
     error: ModelError | None,
     physical: bool,
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little.
 
     Args:
@@ -385,8 +372,7 @@ def physics_findings(
         error: the model error in force, None without.
         physical: whether the possible parameters are.
     """
-    findings, base = [], stack.base
-    count = knowledge.count(NOT_DETERMINED)
+    base, count = stack.base, knowledge.count(NOT_DETERMINED)
     many_open = count / len(knowledge) > tuning.MANY_OPEN
     poses = random_poses(base.robot, tuning.ALARM_POSES)
     share = indefinite_share(
@@ -398,8 +384,8 @@ def physics_findings(
             f"the mass matrix of least squares is not positive definite in {100 * share:.0f} % of poses: too little "
             "motion, or a wrong sign or offset of a joint under `driver:` in the robot file"
         )
-        findings.append(Finding("W405", level, text, {"share": share}))
-    findings += _unexplained(base, plain, joint_rms(stack.factors, stack.counts, alone), error)
+        yield Finding("W405", level, text, {"share": share})
+    yield from _unexplained(base, plain, joint_rms(stack.factors, stack.counts, alone), error)
     if many_open:
         consequence = (
             "their values come mostly from the prior"
@@ -410,18 +396,17 @@ def physics_findings(
             f"{count} of {len(knowledge)} base parameters are not determined by this log: "
             f"{consequence}"
         )
-        findings.append(Finding("W406", "warning", text, {"share": count / len(knowledge)}))
-    return findings
+        yield Finding("W406", "warning", text, {"share": count / len(knowledge)})
 
 
 def _unexplained(
     base: BaseModel, plain: Fit, rms: Floats, error: ModelError | None
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Say which joints have torques that no possible parameters make, whose residual is rms, (n,) [N m or N]."""
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
     unexplained = growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6
-    findings, texts = [], {}
+    texts = {}
     if error is not None and len(error.free):
         texts = dict.fromkeys(
             error.free.tolist(),
@@ -436,5 +421,4 @@ def _unexplained(
     for j, text in texts.items():
         joint = base.robot.joint_names[j]
         facts = {"joint": joint, "growth": float(growth[j])}
-        findings.append(Finding("W404", "warning", text.format(joint), facts))
-    return findings
+        yield Finding("W404", "warning", text.format(joint), facts)

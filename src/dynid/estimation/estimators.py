@@ -113,11 +113,8 @@ def instrumental(rows: Rows, plain: Fit) -> Fit:
 
 def _by_instruments(rows: Rows, weight: Floats) -> Floats:
     """Return (Z^T S W)^-1 Z^T S tau, (p,), with weights of the rows, (M, n)."""
-    ZW, Ztau = np.zeros((rows.size, rows.size)), np.zeros(rows.size)
-    for j in range(weight.shape[1]):
-        Z = rows.instruments(j) * weight[:, [j]]
-        ZW += Z.T @ rows.W[:, j]
-        Ztau += Z.T @ rows.tau[:, j]
+    Z = rows.instruments * weight[:, :, None]
+    ZW, Ztau = (np.tensordot(Z, x, axes=((0, 1), (0, 1))) for x in (rows.W, rows.tau))
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(ZW)), np.finfo(float).tiny))
     scaled = scale[:, None] * ZW * scale
     condition = float(np.linalg.cond(scaled))

@@ -321,16 +321,12 @@ def hac_covariance(
     """
     residual = rows.residual(theta)
     limit = tuning.HUBER * noise if robust else np.full(len(noise), np.inf)
-    weight = (rows.use & (np.abs(residual) <= limit)) / noise**2
-    bounded = np.clip(residual, -limit, limit) / noise**2
-    scores, sensitivity = np.zeros((len(residual), rows.size)), np.zeros((rows.size, rows.size))
-    for j in range(len(noise)):
-        Z = rows.instruments(j)
-        scores += Z * bounded[:, [j]]
-        if bread is None:
-            sensitivity += (Z * weight[:, [j]]).T @ rows.W[:, j]
+    bounded, Z = np.clip(residual, -limit, limit) / noise**2, rows.instruments
+    scores = np.einsum("mjp,mj->mp", Z, bounded)
     series = [scores[run] for run in rows.runs]
     if bread is None:
+        weight = (rows.use & (np.abs(residual) <= limit)) / noise**2
+        sensitivity = np.tensordot(Z * weight[:, :, None], rows.W, axes=((0, 1), (0, 1)))
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
     # Why by a root: of parameters that the log hardly tells the product of three would be no covariance, by rounding.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -98,11 +99,10 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
             f"{unloaded.label} has different base parameters from this log's model",
             fix="identify both with the same robot file",
         )
-    K = unloaded.reduction.K[:, last_link(unloaded.base)]
-    problem = LoadProblem.of(loaded, unloaded, K)
+    problem = LoadProblem.of(loaded, unloaded)
     body = fitted_body(*problem.solved(0.0, 0.0)[:3]).body
     # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
-    problem = replace(problem, torque=problem.theta + K @ body.parameters())
+    problem = replace(problem, torque=unloaded.theta + problem.K @ body.parameters())
     known = loaded.robot.torque.scale_error
     return fitted_body(*problem.solved(known, problem.own_scale_error(known))[:3])
 
@@ -112,55 +112,41 @@ class LoadProblem:
     """Rows of a loaded log, and the posterior of the arm without the load; n joints, p parameters, k columns.
 
     Attributes:
-        theta: base parameters without the load, (p,).
-        root: R with R^T R their information, (p, p).
-        joint_information: of each joint's rows about them, (n, p, p).
-        residual: the residual model without the load; None without, or where it is unknown how it acts with it.
+        unloaded: the result without the load.
+        residual: its residual model; None without, or where it is unknown how it acts with the load.
         factors: rows [Z W tau] of each joint with the load, whitened, (n, m, k + p + 1); k is 0 without residual model.
         torque: base parameters with the load, whose torques the gains multiply, (p,).
-        friction: columns of friction, which may have changed since, (f,).
-        K: change of the base parameters by the ten parameters of the load, (p, 10).
-        drift: standard deviation of each gain's change between the two logs, as a share.
     """
 
-    theta: Floats
-    root: Floats
-    joint_information: Floats
+    unloaded: Identification
     residual: ModelError | None
     factors: Floats
     torque: Floats
-    friction: NDArray[np.intp]
-    K: Floats
-    drift: float
 
     @classmethod
-    def of(cls, loaded: Identification, unloaded: Identification, K: Floats) -> LoadProblem:
+    def of(cls, loaded: Identification, unloaded: Identification) -> LoadProblem:
         """Return the problem of two results."""
-        information, noise_unloaded = information_of(unloaded)
-        W = unloaded.factors[:, :, :-1] / noise_unloaded[:, None, None]
         whiten, noise, stack = information_of(loaded)[1], loaded.noise, loaded.stack
-        residual = unloaded.model_error
-        # Why of real arms only: the residual model is evidence for more than the model has.
-        drift = 0.0 if residual is None else tuning.SCALE_DRIFT
+        residual, k = unloaded.model_error, 0
         if residual is not None and stack is not None and stack.logs and stack.earlier is None:
             rows = residual.factors(stack, noise, loaded.fit.robust) / whiten[:, None, None]
-            rows = centred(rows, residual.k, loaded.plain)
+            k = residual.k
         else:
             # Why: without its rows nothing is known of how the residual model acts in the loaded log.
             unknown = 0.0 if residual is None else residual.rms[:, -1] * whiten / noise
             rows = loaded.factors / np.hypot(whiten, unknown)[:, None, None]
-            rows, residual = centred(rows, 0, loaded.plain), None
-        return cls(
-            theta=unloaded.theta,
-            root=symmetric_root(information).T,
-            joint_information=W.swapaxes(1, 2) @ W,
-            residual=residual,
-            factors=rows,
-            torque=loaded.theta,
-            friction=np.flatnonzero(friction(unloaded.base)),
-            K=K,
-            drift=drift,
-        )
+            residual = None
+        return cls(unloaded, residual, centred(rows, k, loaded.plain), loaded.theta)
+
+    @cached_property
+    def K(self) -> Floats:
+        """Change of the base parameters by the ten parameters of the load, (p, 10)."""
+        return self.unloaded.reduction.K[:, last_link(self.unloaded.base)]
+
+    @cached_property
+    def friction(self) -> Mask:
+        """Columns of friction, which may have changed since, (p,)."""
+        return friction(self.unloaded.base)
 
     def own_scale_error(self, known: float) -> float:
         """Return how far the gains of joints are off beyond what is known, each by itself, as a share.
@@ -191,11 +177,12 @@ class LoadProblem:
         n, common = len(self.factors), tuning.COMMON_SCALE_SHARE * scale_error**2
         covariance = common + (scale_error**2 - common + own**2) * np.eye(n)
         scale = symmetric_root(covariance)
-        problem = Factor.of({"arm": self.root}, self.root @ self.theta)
+        root = symmetric_root(information_of(self.unloaded)[0]).T
+        problem = Factor.of({"arm": root}, root @ self.unloaded.theta)
         problem = problem.prior("friction", self._friction_change())
         problem = problem.prior("scale", np.ones(n)).prior("drift", np.ones(n))
         alone = []
-        for j, moved in enumerate(self._moved_by_gains()):
+        for j, moved in enumerate(self._moved_by_gains):
             rows, bare = self._of_joint(j, moved @ scale)
             problem += rows
             alone.append(bare.rows)
@@ -203,7 +190,7 @@ class LoadProblem:
         R, unexplained = triangle(load.rows), triangle(np.vstack(alone))[-1, -1]
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
         beyond = max(0.0, float(R[-1, -1] ** 2 - unexplained**2))
-        freedom = int(np.linalg.matrix_rank(self.root)) - len(R) + 1 - len(self.friction)
+        freedom = int(np.linalg.matrix_rank(root)) - len(R) + 1 - self.friction.sum()
         evidence = load.without("load")[0].volume - 0.5 * float(R[-1, -1] ** 2)
         return R[:-1, :-1], R[:-1, -1], beyond / max(1, freedom), evidence
 
@@ -214,11 +201,13 @@ class LoadProblem:
             joint: its number.
             moved: change of the parameters of its rows by the unknown scales, (p, n).
         """
-        F, residual, theta = self.factors[joint], self.residual, self.theta
+        F, residual, theta = self.factors[joint], self.residual, self.unloaded.theta
         k, p = F.shape[1] - len(theta) - 1, len(theta)
         W, size = F[:, k:-1], k + p * (residual is not None and residual.apart[joint] > 0.0)
         drift = np.zeros((len(F), len(self.factors)))
-        drift[:, joint] = self.drift * (W @ self.torque)
+        # Why of real arms only: the residual model is evidence for more than the model has.
+        if self.unloaded.model_error is not None:
+            drift[:, joint] = tuning.SCALE_DRIFT * (W @ self.torque)
         unknown = {"friction": W[:, self.friction], "scale": W @ moved, "drift": drift}
         alone = Factor.of({"columns": F[:, :size], "arm": W}, F[:, -1])
         rows = Factor.of(
@@ -233,16 +222,22 @@ class LoadProblem:
         alone += Factor.of({"columns": inverse}, mean)
         return rows.without("columns")[0], alone.without("columns")[0]
 
+    @cached_property
     def _moved_by_gains(self) -> Floats:
-        """Return by how much a wrong gain of each joint moves what the rows of each have, (n, p, n).
+        """By how much a wrong gain of each joint moves what the rows of each have, (n, p, n).
 
         Each joint moves the parameters as far as its rows decide them. Together they scale them all: the torques of an
         arm do not tell their own scale, and what came from the prior must not seem to.
         """
-        information, n = self.joint_information, len(self.factors)
+        n, whiten = len(self.factors), information_of(self.unloaded)[1]
+        W = self.unloaded.factors[:, :, :-1] / whiten[:, None, None]
+        information = W.swapaxes(1, 2) @ W
         size = np.sqrt(np.maximum(np.diagonal(information.sum(axis=0)), 1e-300))
         share = information / np.outer(size, size) + UNTOLD * np.eye(len(size))
-        moved = np.linalg.solve(share.sum(axis=0), (share @ (size * self.theta)).T) / size[:, None]
+        moved = (
+            np.linalg.solve(share.sum(axis=0), (share @ (size * self.unloaded.theta)).T)
+            / size[:, None]
+        )
         return np.einsum("p,jk->jpk", self.torque, np.eye(n)) - moved
 
     def _friction_change(self) -> Floats:
@@ -250,7 +245,7 @@ class LoadProblem:
         W = self.factors[:, :, -len(self.torque) - 1 : -1][:, :, self.friction]
         rows = max(1.0, float(np.max(np.sum(self.factors[:, :, -1] ** 2, axis=1))))
         size = np.linalg.norm(W, axis=1)
-        torque = np.linalg.norm(W @ self.theta[self.friction], axis=1)
+        torque = np.linalg.norm(W @ self.unloaded.theta[self.friction], axis=1)
         torque = torque[np.argmax(size, axis=0)]
         least = tuning.FRICTION_CHANGE_LEAST * np.sqrt(rows)
         largest = size.max(axis=0)

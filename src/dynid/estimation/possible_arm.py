@@ -65,8 +65,6 @@ def rounded(constraints: PhysicalConstraints) -> PhysicalConstraints:
         constraints: those whose prior is made of default cylinders.
     """
     P = constraints.prior_pseudo_inertia
-    if not len(P):
-        return constraints
     mass = P[:, 3, 3]
     com = P[:, :3, 3] / mass[:, None]
     extent = np.trace(P[:, :3, :3], axis1=1, axis2=2) / mass - np.sum(com**2, axis=1)
@@ -87,21 +85,17 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
         constraints: those whose prior is made of given bodies.
         shapes: pseudo-inertias of the links' cylinders, each for 1 kg, (L, 4, 4).
     """
-    P = constraints.prior_pseudo_inertia.copy()
-    if not len(P):
-        return constraints
+    P = constraints.prior_pseudo_inertia
 
-    def about_centre(P: Floats, mass: Floats) -> Floats:
-        point = P[:, :3, 3]
-        of_point = point[:, :, None] * point[:, None, :]
-        return P[:, :3, :3] - of_point / np.where(mass > 0.0, mass, 1.0)[:, None, None]
+    def about_centre(P: Floats) -> Floats:
+        point, mass = P[:, :3, 3:], P[:, 3:, 3:]
+        return P[:, :3, :3] - point * point.swapaxes(1, 2) / np.where(mass > 0.0, mass, 1.0)
 
-    mass = P[:, 3, 3].copy()
-    own, about_origin = about_centre(P, mass), np.trace(P[:, :3, :3], axis1=1, axis2=2)
+    mass, own = P[:, 3, 3].copy(), about_centre(P)
+    about_origin = np.trace(P[:, :3, :3], axis1=1, axis2=2)
     extent = THIN * np.trace(own, axis1=1, axis2=2) + ROUNDED * about_origin
     thin = np.abs(np.linalg.eigvalsh(own)[:, 0]) <= extent
-    width = about_centre(shapes, np.ones(len(P)))
-    P[thin, :3, :3] += (mass[:, None, None] * width)[thin]
+    P[thin, :3, :3] += (mass[:, None, None] * about_centre(shapes))[thin]
     light, alone = mass == 0.0, (mass > 0.0) & (about_origin == 0.0)
     P[light] += tuning.BALL_SHARE * np.mean(mass) * shapes[light]
     P[alone] = mass[alone, None, None] * shapes[alone]
@@ -198,6 +192,8 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
         base.robot.known,
         friction_ratings(base.robot),
     )
+    if not len(constraints.bodies):
+        return constraints
     # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
     if not (base.robot.prior and base.robot.prior.links):
         return rounded(constraints)
@@ -357,12 +353,8 @@ def feasible_start(constraints: PhysicalConstraints) -> Floats:
         NotPhysical: the prior's bodies or the bounds contradict each other.
     """
     require_possible_prior(constraints)
-    x = constraints.prior.copy()
-    single = np.count_nonzero(constraints.G, axis=1) == 1
-    for row in constraints.G[single & (constraints.slack(x) <= 0.0)]:
-        k = int(np.flatnonzero(row)[0])
-        if k not in constraints.bodies:
-            x[k] = 1.0 / row[k]
+    x, pooled = constraints.prior.copy(), np.concatenate(constraints.pools)
+    x[pooled[x[pooled] <= 0.0]] = 1.0
     return x if np.all(constraints.slack(x) > 0.0) else _move_inside(constraints, x)
 
 
@@ -427,8 +419,8 @@ def _fit(
         logs[constraints.bodies[:, :, None], constraints.bodies[:, None]] = bent
         logs, held = tuning.PRIOR_COUNTED * logs, tuning.PRIOR_COUNTED * held
     prior = held + logs
-    covariance = _inverse(data + prior)
-    after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs))
+    covariance = inverse(data + prior)
+    after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(inverse(logs))
     rest = np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
     return PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
@@ -462,7 +454,7 @@ def with_honest_errors(
         curved = float(along @ fit.x[columns])
         if len(columns) > 1 and curved > 0.0:
             open_[np.ix_(columns, columns)] -= np.outer(along, along) / curved
-    covariance = _inverse(open_ + fit.information / less) + changes @ changes.T
+    covariance = inverse(open_ + fit.information / less) + changes @ changes.T
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
     growth = np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
     return replace(
@@ -473,7 +465,7 @@ def with_honest_errors(
     )
 
 
-def _inverse(H: Floats) -> Floats:
+def inverse(H: Floats) -> Floats:
     """Return H^-1, (c, c); 0 for parameters that H does not see at all."""
     seen = np.diagonal(H) > 0.0
     scale = 1.0 / np.sqrt(np.diagonal(H)[seen])

@@ -33,6 +33,7 @@ from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
     exciting_states,
+    inverse,
     prior_covariance,
     with_honest_errors,
 )
@@ -395,10 +396,6 @@ def _percent(error: float, torque: float) -> float:
 
 
 # ---------------------------------------------------------------- the posterior of a result
-#: Variance, relative to the largest in columns of equal size, below which the inverse would be of rounding.
-ROUNDING = 1e-13
-
-
 def information_of(result: Identified) -> tuple[Floats, Floats]:
     """Return what a result knows about its parameters; of the plain set nothing but its rows is known.
 
@@ -410,7 +407,7 @@ def information_of(result: Identified) -> tuple[Floats, Floats]:
         rows are worth one independent row each, (n,) [N m or N].
     """
     if result.in_force == "physical":
-        worth, information = result.physical.inflation, _inverse(result.covariance)
+        worth, information = result.physical.inflation, inverse(result.covariance)
     else:
         A = merge(result.factors, 1.0 / result.noise)[:-1, :-1]
         # Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens
@@ -432,11 +429,4 @@ def prior_information(base: BaseModel) -> Floats:
     Raises:
         NotPhysical: a body of the prior cannot exist.
     """
-    return _inverse(prior_covariance(base))
-
-
-def _inverse(covariance: Floats) -> Floats:
-    """Return the inverse of a covariance, (p, p); variances below rounding count as rounding."""
-    scale = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
-    values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale)
+    return inverse(prior_covariance(base))

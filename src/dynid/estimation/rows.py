@@ -81,51 +81,40 @@ class Rows:
         edges = np.append(np.flatnonzero(self.begins), len(self.t)).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
 
-    def instruments(self, joint: int) -> Floats:
-        """Return the instruments of one joint, (M, p); its regressor where there are none."""
-        return (self.W if self.Z is None else self.Z)[:, joint]
+    @property
+    def instruments(self) -> Floats:
+        """The instruments, (M, n, p); the regressor where there are none."""
+        return self.W if self.Z is None else self.Z
 
     def torque(self, theta: Floats) -> Floats:
-        """Return W theta, (M, n) [N m or N], of parameters (p,), or of each joint its own, (n, p)."""
-        n = self.tau.shape[1]
-        each = np.broadcast_to(theta, (n, self.size))
-        return np.stack([self.W[:, j] @ each[j] for j in range(n)], axis=1)
+        """Return W theta of parameters (p,), (M, n) [N m or N]."""
+        return self.W @ theta
 
     def residual(self, theta: Floats) -> Floats:
         """Return tau - W theta, (M, n) [N m or N]; zero where rows do not count."""
         return np.where(self.use, self.tau - self.torque(theta), 0.0)
 
     def take(self, chosen: Mask) -> Rows:
-        """Return some of the rows, (M,); views of them where they follow each other."""
+        """Return some of the rows, (M,)."""
         k = np.flatnonzero(chosen)
-        consecutive = len(k) and k[-1] - k[0] == len(k) - 1
-        at = slice(int(k[0]), int(k[-1]) + 1) if consecutive else k
-        return replace(
-            self,
-            Z=None if self.Z is None else self.Z[at],
-            begins=self.begins[at] | (np.diff(k, prepend=-2) != 1),
-            **{name: getattr(self, name)[at] for name in ARRAYS if name != "begins"},
-        )
-
-    def factor(self, joint: int, weight: Floats | None = None) -> Floats:
-        """Return the triangular factor of [W tau] of one joint, (p + 1, p + 1) [N m or N].
-
-        Args:
-            joint: its number.
-            weight: factor on each row, (M,); None for ones.
-        """
-        use, seen, R = self.use[:, joint], self.seen[joint], np.zeros((self.size + 1,) * 2)
-        W, tau = self.W[:, joint][np.ix_(use, seen)], self.tau[use, joint]
-        if weight is not None:
-            W, tau = W * weight[use, None], tau * weight[use]
-        place = np.append(np.flatnonzero(seen), self.size)
-        R[np.ix_(place, place)] = triangle(np.column_stack([W, tau]))
-        return R
+        taken = replace(self, **{name: getattr(self, name)[k] for name in ARRAYS})
+        begins = taken.begins | (np.diff(k, prepend=-2) != 1)
+        return replace(taken, begins=begins, Z=None if self.Z is None else self.Z[k])
 
     def factors(self, weight: Floats | None = None) -> Floats:
-        """Return the factor of each joint, (n, p + 1, p + 1) [N m or N]; weight (M, n), None for ones."""
-        joints = range(self.tau.shape[1])
-        return np.array([self.factor(j, None if weight is None else weight[:, j]) for j in joints])
+        """Return the triangular factor of [W tau] of each joint, (n, p + 1, p + 1) [N m or N].
+
+        Args:
+            weight: factor on each row, (M, n); None for ones.
+        """
+        factors = np.zeros((len(self.seen), self.size + 1, self.size + 1))
+        for j, (use, seen) in enumerate(zip(self.use.T, self.seen, strict=True)):
+            rows = np.column_stack([self.W[:, j][np.ix_(use, seen)], self.tau[use, j]])
+            if weight is not None:
+                rows *= weight[use, j, None]
+            place = np.append(np.flatnonzero(seen), self.size)
+            factors[j][np.ix_(place, place)] = triangle(rows)
+        return factors
 
     @property
     def counts(self) -> Ints:
@@ -135,13 +124,12 @@ class Rows:
 
 def joined(parts: Sequence[Rows]) -> Rows:
     """Return the rows of several, one after the other; logs as they are numbered, blocks numbered anew."""
-    parts = [each for each in parts if len(each.t)] or parts[:1]
-    first = np.cumsum([0, *(int(each.block.max()) + 1 for each in parts[:-1])])
+    first = np.cumsum([0, *(each.block.max(initial=-1) + 1 for each in parts[:-1])])
     parts = [replace(each, block=k + each.block) for k, each in zip(first, parts, strict=True)]
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in parts]) for name in ARRAYS
     }
-    return replace(parts[0], **arrays) if len(parts) > 1 else parts[0]
+    return replace(parts[-1], **arrays)
 
 
 # ---------------------------------------------------------------- evaluation
