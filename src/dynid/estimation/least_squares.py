@@ -120,13 +120,12 @@ def solve(R: Floats) -> Solution:
     rank = int(np.sum(sigma > cutoff))
     V = Vt[:rank].T / sigma[:rank]
     projected = U.T @ b
-    full = rank == len(sigma)
     return Solution(
         theta=(V @ projected[:rank]) / length,
         inverse=(V @ V.T) / np.outer(length, length),
         residual=float(R[-1, -1] ** 2 + projected[rank:] @ projected[rank:]),
         rank=rank,
-        condition_number_scaled=float(sigma[0] / sigma[-1]) if full else float("inf"),
+        condition_number_scaled=float(sigma[0] / sigma[-1]) if rank == len(sigma) else math.inf,
         weak=Vt[rank:].T / length[:, None],
     )
 
@@ -138,10 +137,7 @@ def condition_number(R: Floats, rank: int) -> float:
         R: factor, (p + 1, p + 1).
         rank: number of directions that the rows excite, from ``solve``.
     """
-    if rank < R.shape[1] - 1:
-        return float("inf")
-    sigma = np.linalg.svd(R[:-1, :-1], compute_uv=False)
-    return float(sigma[0] / sigma[-1])
+    return float(np.linalg.cond(R[:-1, :-1])) if rank == len(R) - 1 else math.inf
 
 
 @dataclass(frozen=True)

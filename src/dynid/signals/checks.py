@@ -13,7 +13,6 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arrays import Floats, Mask
 from dynid.drivers.interface import driver_of
@@ -235,11 +234,9 @@ def check_degrees(log: Log, robot: Robot) -> None:
 
 def _span(q: Floats) -> float:
     """Return the range of a joint; one that is read modulo a full turn jumps now and then, degrees all the time."""
-    where, turns = _full_turns(q)
-    if 0 < len(where) < tuning.RARE_TURNS * (len(q) - 1):
-        jumps = np.zeros(len(q))
-        jumps[where] = turns
-        q = q - 2 * np.pi * np.cumsum(jumps)
+    turns = _full_turns(q)
+    if np.count_nonzero(turns) < tuning.RARE_TURNS * (len(q) - 1):
+        q = q - 2 * np.pi * np.cumsum(turns)
     return float(np.ptp(q))
 
 
@@ -254,31 +251,27 @@ def unit_fix(robot: Robot, given: dict[str, str]) -> str:
 
 def unwrapped(log: Log, robot: Robot) -> Log:
     """Return the log without jumps by full turns (W315)."""
-    q, findings = log.q, list[Finding]()
+    q, findings = log.q.copy(), list[Finding]()
     for j in (j for j, joint in enumerate(robot.joints) if joint.revolute):
-        where, turns = _full_turns(log.q[:, j])
+        turns = _full_turns(log.q[:, j])
+        where = np.flatnonzero(turns)
         if not len(where):
             continue
-        q = q if findings else q.copy()
-        jumps = np.zeros(len(log))
-        jumps[where] = turns
-        q[:, j] -= 2 * np.pi * np.cumsum(jumps)
+        q[:, j] -= 2 * np.pi * np.cumsum(turns)
         name, row = robot.joint_names[j], int(where[0])
         more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
         at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
         text = f"{name} jumps by {step:.2f} rad at {at:.2f} s{more}; unwrapped"
         evidence = {"joint": name, "at_s": log.t[where].tolist()}
         findings.append(Finding("W315", "warning", text, evidence))
-    return with_findings(replace(log, q=q), *findings) if findings else log
+    return with_findings(replace(log, q=q), *findings)
 
 
-def _full_turns(q: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the samples that a joint gets to by a jump of full turns, (k,), and the number of turns, (k,)."""
-    step = np.diff(q)
+def _full_turns(q: Floats) -> Floats:
+    """Return by how many full turns a joint jumps to each sample, (N,)."""
+    step = np.diff(q, prepend=q[0])
     turns = np.round(step / (2 * np.pi))
-    turns[np.abs(step - 2 * np.pi * turns) > tuning.TURN_REST] = 0
-    where = np.flatnonzero(turns)
-    return where + 1, turns[where]
+    return np.where(np.abs(step - 2 * np.pi * turns) > tuning.TURN_REST, 0.0, turns)
 
 
 def check_torque_scale(log: Log, robot: Robot, gone: Mask) -> None:

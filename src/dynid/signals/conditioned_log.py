@@ -380,12 +380,10 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
     Returns:
         The logs, and in how many parts they are; 0 where they are whole.
     """
-    rows = [sum(len(s) for s in log.segments) for log in logs]
-    long = sum(
-        n / log.filter.rate * log.filter.first_step for n, log in zip(rows, logs, strict=True)
-    )
+    every = [(s, log.filter) for log in logs for s in log.segments]
+    long = sum(len(s) / chosen.rate * chosen.first_step for s, chosen in every)
     # Why rows too: a recording at a low rate is long in time alone.
-    share = max(seconds / max(long, 1e-9), tuning.KEPT_SAMPLES / max(sum(rows), 1))
+    share = max(seconds / long, tuning.KEPT_SAMPLES / sum(len(s) for s, _ in every))
     if share >= 1.0:
         return list(logs), 0
     found = []

@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from dynid.arrays import Floats
 from dynid.drivers.interface import driver_of
@@ -103,20 +102,17 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate
     ):
         return log, ()
-    found = [_spikes(x) for x in log.tau.T]
-    count = [len(rows) if len(rows) <= tuning.SPIKE_MOST * len(log) else 0 for rows, _ in found]
+    tau = np.column_stack([_without_spikes(x) for x in log.tau.T])
+    count = np.sum(tau != log.tau, axis=0).tolist()
     if not any(count):
         return log, ()
-    tau = log.tau.copy()
-    for j, (rows, usual) in enumerate(found):
-        tau[rows[: count[j]], j] = usual[: count[j]]
     counts = ", ".join(f"{name} {n}" for name, n in zip(log.names, count, strict=True) if n)
     text = f"{log.name}: torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
     return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count}),)
 
 
-def _spikes(x: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the samples of a torque, (N,), that are spikes, and the medians of their neighbours, (k,) each."""
+def _without_spikes(x: Floats) -> Floats:
+    """Return a torque, (N,), with the median of their neighbours for spikes; those of many are none."""
     padded = np.pad(x, tuning.SPIKE_REACH, mode="edge")
     medians = np.median(sliding_window_view(padded, 2 * tuning.SPIKE_REACH + 1), axis=1)
     away = np.abs(x - medians)
@@ -124,8 +120,8 @@ def _spikes(x: Floats) -> tuple[NDArray[np.intp], Floats]:
         tuning.SPIKE_DEVIATIONS * 1.4826 * float(np.median(away)),
         tuning.SPIKE_OF_RANGE * float(np.ptp(x)),
     )
-    rows = np.flatnonzero(away > least)
-    return rows, medians[rows]
+    spikes = away > least
+    return np.where(spikes, medians, x) if np.mean(spikes) <= tuning.SPIKE_MOST else x
 
 
 @dataclass(frozen=True)

@@ -22,19 +22,9 @@ def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
 
 def speed(log: Log) -> Floats:
     """Return the change of position over a short window, (N, n) [rad/s or m/s]; needs increasing time."""
-    half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (len(log) - 1) // 2))
-    change = _change(log.q, half)
-    change /= _change(log.t, half)[:, None]
-    return change
-
-
-def _change(x: Floats, half: int) -> Floats:
-    """Return how far x, (N, ...), goes over ``half`` samples back and ahead, at its ends over those that are there."""
-    found = np.empty_like(x)
-    np.subtract(x[2 * half :], x[: -2 * half], out=found[half:-half])
-    found[:half] = x[half : 2 * half] - x[0]
-    found[-half:] = x[-1] - x[-2 * half : -half]
-    return found
+    half, rows = max(1, round(tuning.SPEED_WINDOW_S * log.rate)), np.arange(len(log))
+    back, ahead = np.maximum(rows - half, 0), np.minimum(rows + half, len(log) - 1)
+    return (log.q[ahead] - log.q[back]) / (log.t[ahead] - log.t[back])[:, None]
 
 
 def moving(log: Log, robot: Robot) -> Mask:

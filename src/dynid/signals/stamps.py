@@ -9,10 +9,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, LogTooShort, NotFinite, TimeNotIncreasing, TooManyLost
@@ -107,20 +105,20 @@ def with_even_clock(log: Log) -> Log:
     sample lies on the line between its neighbours but for the curvature, if its time is right.
     """
     step = np.diff(log.t)
-    if len(step) < tuning.LEAST_SAMPLES:
-        return log
-    count = _samples_between(step)
-    if count is None:
-        return log
-    number = np.concatenate([[0.0], np.cumsum(count, dtype=float)])
-    slope, start = np.polyfit(number, log.t, 1)
-    t = start + slope * number
-    if np.abs(t - log.t).max() > tuning.GAP_SAMPLES * slope:
-        return log
-    close = (count[:-1] == 1) & (count[1:] == 1)
-    given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
-    moves = given > 0
-    if not moves.any() or float(np.mean(even[moves] / given[moves])) > tuning.STRAIGHTER:
+    usual = np.mean(step[step < 1.5 * np.median(step)])
+    # Either no sample is lost, however late single stamps are, or each step says how many are.
+    for count in (np.ones(len(step)), np.maximum(1.0, np.round(step / usual))):
+        number = np.append(0.0, np.cumsum(count))
+        slope, start = np.polyfit(number, log.t, 1)
+        t, close = start + slope * number, (count[:-1] == 1) & (count[1:] == 1)
+        given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
+        straighter = np.mean(even[given > 0] / given[given > 0]) if given.any() else 1.0
+        if (
+            straighter <= tuning.STRAIGHTER
+            and np.abs(t - log.t).max() <= tuning.GAP_SAMPLES * slope
+        ):
+            break
+    else:
         return log
     late = float(np.std(log.t - t))
     if late < tuning.STRAY_WORTH_SAYING * slope:
@@ -130,24 +128,6 @@ def with_even_clock(log: Log) -> Log:
         replace(log, t=t),
         Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)}),
     )
-
-
-def _samples_between(step: Floats) -> NDArray[Any] | None:
-    """Return how many sample times each step is; None when that is not clear."""
-    usual = float(np.mean(step[step < 1.5 * np.median(step)]))
-    away = np.cumsum(step) / usual
-    number = np.arange(len(step))
-    slope, start = np.polyfit(number, away, 1)
-    left = away - (start + slope * number)
-    length = min(25, len(left) // 4)
-    medians = np.median(left[: len(left) // length * length].reshape(-1, length), axis=1)
-    if float(np.ptp(medians)) < tuning.UNCLEAR_STEP:
-        return np.ones(len(step), dtype=np.int8)  # none is lost, however late single ones are
-    count = np.round(step / usual)
-    unclear = np.abs(step / usual - count) > tuning.UNCLEAR_STEP
-    if np.any(count < 1) or np.any(unclear & (count < tuning.GAP_SAMPLES)):
-        return None
-    return count
 
 
 def _bend(t: Floats, q: Floats, close: Mask) -> Floats:

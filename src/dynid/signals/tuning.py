@@ -30,9 +30,6 @@ LEAST_SAMPLES = 20
 FASTEST_HZ = 1e5
 #: No clock shows a later time [s]: 30 000 years.
 LATEST_S = 1e12
-#: A step further than this from a whole number of sample times leaves open which sample it belongs to. Evidence: none
-#: yet.
-UNCLEAR_STEP = 0.4
 #: Positions that bend less than this share on an even clock of what they bend on their stamps were taken evenly.
 #: Evidence: none yet.
 STRAIGHTER = 0.5
