@@ -1,7 +1,5 @@
 """Physical fits against the equations of their optimum, and what the prior of poor data is worth."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
