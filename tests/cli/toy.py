@@ -19,7 +19,7 @@ NAME = "kinova_gen2"
 
 
 def asks(session, word, given, **_):
-    session.answer(ask(session, word, given=given, path="x.npz", effect="coulomb").value)
+    session.answer(ask(session, word, given=given, path="x.npz", effect="coulomb"))
 
 
 def types_name(session, move, **_):

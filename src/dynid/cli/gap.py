@@ -12,7 +12,7 @@ import dynid
 from dynid import workflows
 from dynid.answer import Answer, Part
 from dynid.cli.options import Output, dynid_command
-from dynid.cli.prompt import Reply, ask, may_write
+from dynid.cli.prompt import ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import DynidError, WrongUsage
 from dynid.judgement.rules import Step
@@ -70,7 +70,7 @@ def command(
     effect = " and ".join(one.effect for one in chosen)
     given = bool(apply) if apply or no_apply else None
     done = Answer({**answer.facts, "simulator": None}, next=answer.next)
-    if chosen and ask(session, "P7", given=given, effect=effect) is Reply.YES:
+    if chosen and ask(session, "P7", given=given, effect=effect) == "yes":
         done = added(session, gap, chosen, new_name, run, plot=plot)
     return replace(done, wrote=(*wrote, *done.wrote, *workflows.report.renewed(parameters.path)))
 

@@ -16,7 +16,7 @@ import dynid
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.options import dynid_command, invoke
-from dynid.cli.prompt import Reply, ask, may_write
+from dynid.cli.prompt import ask, may_write
 from dynid.cli.runfile import write_run
 from dynid.cli.session import Session
 from dynid.errors import StaleCache, WrongUsage
@@ -68,9 +68,9 @@ def model_command(
         if latex or python or groups:
             break
         reply = ask(session, "P1", given=reduce)
-        if reply is Reply.YES:
+        if reply == "yes":
             return reduced(session, derived, options)
-        if reply is Reply.NO:
+        if reply == "no":
             why = "Find out which of its parameters are identifiable, alone or in linear combinations."
             step = Step(why, f"dynid model {robot.word} --reduce")
             return replace(derived.answer(), next=[step])
@@ -100,7 +100,7 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
         if rebuild is False:
             raise StaleCache(what, where=path)
         session.stage("noticed", what)
-        if ask(session, "P8", path=path) is not Reply.YES:
+        if ask(session, "P8", path=path) != "yes":
             raise StaleCache(what, fix="answer yes, or add --rebuild")
     derived = workflows.model.derive_model(robot, folder, rebuild=rebuild is True)
     if not derived.wrote:
@@ -150,12 +150,12 @@ def parameters_command(
         answer = stacked(session, robot, logs, options)
         session.show(answer)
         reply = ask(session, "P5", given=identify)
-        if reply is not Reply.RETRY:
+        if reply != "retry":
             break
         cutoff: Any = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
         options, session = replace(options, cutoff=cutoff), replace(session, force=True)
     steps = [Step("", f"dynid identify {robot.word}")]
-    if reply is Reply.YES:
+    if reply == "yes":
         out = session.folder(robot.slug)
         identified = invoke(session, "identify", robot.source, "-o", out)
         steps = [Step(**each) for each in identified["judgement"]["next"]]

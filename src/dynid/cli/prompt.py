@@ -9,9 +9,8 @@ from __future__ import annotations
 import select
 import sys
 from collections.abc import Mapping
-from enum import Enum
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from dynid.cli.failure import is_terminal
 from dynid.cli.session import Session
@@ -19,14 +18,9 @@ from dynid.disk import write_text
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
 from dynid.text import shell, visible
 
-
-class Reply(Enum):
-    """What a person may reply."""
-
-    YES = "yes"
-    NO = "no"
-    RETRY = "retry"
-    QUIT = "quit"
+#: What a person may reply.
+Reply = Literal["yes", "no", "retry", "quit"]
+REPLIES: tuple[Reply, ...] = get_args(Reply)
 
 
 class Question(NamedTuple):
@@ -45,8 +39,8 @@ class Question(NamedTuple):
     text: str
     choices: str
     flag: str
-    unasked: str
-    yes: str
+    unasked: Reply
+    yes: Reply
     note: str = ""
     unasked_text: str = "no"
 
@@ -102,7 +96,7 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
     """
     question = QUESTIONS[id]
     if given is not None:
-        return Reply.YES if given else Reply.NO
+        return "yes" if given else "no"
     text, letters = question.text.format(**fill), "/".join(question.choices)
     answer, reason = question.unasked, "end of input"
     if session.yes:
@@ -114,13 +108,13 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
         usual = "".join(letter.lower() for letter in question.choices if letter.isupper())
         while (line := _read_line(session, f"? {text} [{letters}] {note}")) is not None:
             word = line.strip().lower() or usual
-            for each in Reply:
-                if word and each.value.startswith(word) and each.value[0] in letters.lower():
+            for each in REPLIES:
+                if word and each.startswith(word) and each[0] in letters.lower():
                     return each
             session.say(f"  answer with one of {', '.join(question.choices.lower())}")
     shown = question.unasked_text if answer == "no" else answer
     session.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2)
-    return Reply(answer)
+    return answer
 
 
 def _reason(session: Session) -> str:
@@ -212,7 +206,7 @@ def may_write(
     if not session.yes and not can_ask(session):
         difference = "" if inputs is None else f" and {_difference(stored, inputs)}"
         raise OutputExists(f"{path} exists{difference}", fix=fix)
-    if ask(session, "P6", path=path) is not Reply.YES:
+    if ask(session, "P6", path=path) != "yes":
         raise Declined(f"{path} is left as it was", fix=fix)
     return True
 

@@ -10,7 +10,7 @@ import dynid
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.options import Existing, Input, dynid_command
-from dynid.cli.prompt import Reply, ask, confirm, key_pressed, may_write
+from dynid.cli.prompt import ask, confirm, key_pressed, may_write
 from dynid.cli.session import Session
 from dynid.disk import sha256
 from dynid.drivers.ros import raise_priority
@@ -127,7 +127,7 @@ def ended(session: Session, done: Recording, outcome: Outcome, convert: bool | N
     bag, robot = done.files[0], done.robot
     steps = [Step("", f"dynid identify {robot.word} {shell(bag)}")]
     made = []
-    if ask(session, "P4", given=convert) is Reply.YES:
+    if ask(session, "P4", given=convert) == "yes":
         header = session.header({"log": sha256(bag)})
         made = [workflows.record.convert(done, header)]
     else:

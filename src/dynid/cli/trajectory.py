@@ -134,12 +134,12 @@ def command(
         )
         session.show(planned.answer())
         reply = asked(session, planned, look)
-        if reply is Reply.QUIT:
+        if reply == "quit":
             for picture in planned.clearance.pictures:
                 picture.unlink(missing_ok=True)
             raise Declined("the motion was not accepted", why="nothing was written")
-        if reply is Reply.YES or not can_ask(session) or session.yes:
-            seen = look.mark(planned) if reply is Reply.YES else None
+        if reply == "yes" or not can_ask(session) or session.yes:
+            seen = look.mark(planned) if reply == "yes" else None
             return saved(session, path, planned, work.plan_inputs(robot, options, files), seen)
         alpha = click.prompt("alpha", default=options.alpha, type=ALPHA, err=True)
         seed = click.prompt("seed", default=options.seed + 1, err=True)
@@ -177,7 +177,7 @@ def reviewed(
     session.findings(motion.clearance.findings)
     for picture in pictures:
         session.stage("preview", str(picture))
-    if asked(session, motion, look) is Reply.YES:
+    if asked(session, motion, look) == "yes":
         seen = look.mark(motion)
         motion.accept(seen=seen)
         session.wrote(path, note=f"reviewed: {MARKS[seen]}")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dynid.answer import Answer, Answered, picked
 from dynid.arguments import one_thread, public
@@ -30,7 +29,7 @@ from dynid.estimation.stack import (
     with_settled_effects,
 )
 from dynid.files.artifact import read_artifact, read_header, reading, unpacked
-from dynid.files.robotfile import text_of
+from dynid.files.robotfile import robot_text
 from dynid.loading import (
     LogsLike,
     RobotLike,
@@ -44,13 +43,12 @@ from dynid.log import Log
 from dynid.model.base_model import BaseModel, in_memory
 from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
-from dynid.robot import Coulomb, Robot
+from dynid.robot import Coulomb, Robot, TorqueSource
 from dynid.runs import RunFolder
 from dynid.signals.columns import in_amperes as holds_currents
 from dynid.signals.conditioned_log import condition_logs
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
-from dynid.text import printable, yaml_text
 from dynid.units import ampere_unit
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras
@@ -311,20 +309,17 @@ def gains_of(
 
 
 def write_robot(folder: Path, robot: Robot, gains: Gains) -> tuple[Path, Robot]:
-    """Write a copy of the robot file with the gains, and return its path and the robot in it."""
-    document = yaml.safe_load(text_of(robot, with_prior=False))
+    """Write a robot file of the arm with the gains, and return its path and the robot in it."""
     # Why: what a load weighs with these gains is as uncertain as they are.
     share = min(0.99, float(np.sqrt(np.mean((gains.std_error / gains.gain) ** 2))))
-    document["torque"] = {
-        "source": "motor_current",
-        "gain": [float(f"{value:.9g}") for value in gains.gain],
-        **({"relative": True} if gains.relative else {"gain_error": float(f"{share:.2g}")}),
-    }
+    error = None if gains.relative else float(f"{share:.2g}")
+    gain = tuple(float(f"{value:.9g}") for value in gains.gain)
+    torque = TorqueSource("motor_current", gain, gains.relative, gain_error=error)
     path = folder / f"{robot.slug}.yaml"
     what = "ratios of the gains; their size is unknown" if gains.relative else "gains"
-    head = f"Made by dynid identify: {printable(robot.path.name if robot.path else robot.name)} with {what}."
-    write_text(path, yaml_text(document, head, width=140, default_flow_style=False))
-    return path, replace(load_robot(path), prior=robot.prior, known=robot.known)
+    head = f"Made by dynid identify: {robot.path.name if robot.path else robot.name} with {what}."
+    write_text(path, robot_text(replace(robot, torque=torque), head))
+    return path, load_robot(path)
 
 
 def gain_facts(robot: Robot, gains: Gains) -> dict[str, Any]:

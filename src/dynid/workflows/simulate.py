@@ -14,7 +14,7 @@ from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
-from dynid.model.effects.catalogue import CATALOGUE, checked, joints_of
+from dynid.model.effects.catalogue import CATALOGUE, DELAY, added_effects
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import ModelTorques, build_model, prior_vector
@@ -135,17 +135,15 @@ def _effect_torque(
     path = ArmMotion(*states, rigid, reference, lambda values: values)
     torque = np.zeros_like(motion.q)
     for spec in specs:
+        if spec.effect == DELAY:
+            raise WrongUsage(f"{DELAY} is no torque", fix="--delay SECONDS")
         some = joint_indices(robot.joint_names, ",".join(spec.joints), "--effect")
         named = replace(spec, joints=tuple(robot.joint_names[k] for k in some))
-        effect = checked(named, robot)
-        if effect.name == "torque_delay":
-            raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
-        shape = {name: named.parameters[name] for name in effect.shape_units}
-        names = effect.amplitudes(shape)
-        if missing := ", ".join(name for name in names if name not in named.parameters):
-            raise WrongUsage(f"--effect: {effect.name} needs parameters {missing}", fix=LISTED)
-        sizes = [named.parameters[name] for name in names]
-        for where in joints_of(named, effect, robot):
-            columns = effect.columns(path, where, shape)
-            torque[:, list(effect.rows(where, robot.n))] += np.tensordot(sizes, columns, axes=1).T
+        for one in added_effects(replace(robot, effects=(named,))):
+            names = one.effect.amplitudes(one.shape)
+            if missing := ", ".join(name for name in names if name not in named.parameters):
+                raise WrongUsage(f"--effect: {spec.effect} needs parameters {missing}", fix=LISTED)
+            sizes = [named.parameters[name] for name in names]
+            columns = one.effect.columns(path, one.joints, one.shape)
+            torque[:, list(one.rows)] += np.tensordot(sizes, columns, axes=1).T
     return torque
