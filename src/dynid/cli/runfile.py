@@ -33,7 +33,7 @@ _KEYS = ("dynid", "command", "arguments", "inputs")
 
 def flag_of(param: click.Parameter) -> str:
     """Return the long name of an option."""
-    return next(word for word in param.opts if word.startswith("--"))
+    return max(param.opts, key=len)
 
 
 def arguments_of(ctx: click.Context) -> list[str]:

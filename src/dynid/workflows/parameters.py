@@ -85,10 +85,6 @@ class Observations(Answered):
         """Cut-off of the filter over torques and columns [Hz]."""
         return self.stack.logs[0].filter.cutoff
 
-    def weakly_excited(self) -> list[Finding]:
-        """Return what the logs do not excite."""
-        return weakly_excited(self.stack)
-
     def header(self) -> dict[str, Any]:
         """Return what the headers of results made from these observations say."""
         robot, coulomb = self.base.robot, self.base.robot.estimated_coulomb
@@ -107,7 +103,7 @@ class Observations(Answered):
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid parameters`` says."""
         R, header = merge(self.stack.factors), self.header()
-        solution, weak = solve(R), [asdict(finding) for finding in self.weakly_excited()]
+        solution, weak = solve(R), [asdict(finding) for finding in weakly_excited(self.stack)]
         same = (
             "robot",
             "cutoff_hz",
@@ -135,7 +131,7 @@ class Observations(Answered):
             f"condition number {facts['condition_number_scaled']:.3g} with normalised columns"
         )
         notes = (("excites", f"{ranks}, {condition}"),)
-        return Answer(facts, parts=self.weakly_excited(), notes=notes)
+        return Answer(facts, parts=weakly_excited(self.stack), notes=notes)
 
     def save(self, folder: Path, facts: dict[str, Any] | None = None) -> list[Path]:
         """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz.
