@@ -9,21 +9,21 @@ from __future__ import annotations
 import bz2
 import io
 import re
+import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import BagTruncated, DynidError, Finding, LogNotFound
 from dynid.files import tuning
-from dynid.files.messages import Broken, Collector, Message, Topic
+from dynid.files.messages import NANOSECONDS, Broken, Collector, Messages, Topic, taken
 from dynid.log import Log
 from dynid.npz import bounded
 from dynid.text import shell
@@ -36,7 +36,9 @@ ROS2 = (".db3", ".mcap")
 #: First line of a bag of version 2.0.
 MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"
-_whole = partial(int.from_bytes, byteorder="little")
+#: What stands before a time in a header, and the bytes of both.
+_TIME, _TIMED = b"\r\0\0\0time=", 17
+_SIZE = struct.Struct("<I").unpack_from
 #: Fields of a header by name; b"" for those that are not there.
 Fields = defaultdict[bytes, bytes]
 
@@ -69,10 +71,8 @@ def read_bag(path: Path) -> Recording:
     reasons = []
     for part in parts_of(path):
         try:
-            for topic, count, some in (_ros2 if part.suffix in ROS2 else _ros1)(part):
-                counts[topic] += count
-                if topic.type == JOINT_STATE:
-                    collectors.setdefault(topic.name, Collector(topic)).add(some)
+            for some in (_ros2 if part.suffix in ROS2 else _ros1)(part, counts):
+                collectors.setdefault(some.topic.name, Collector(some.topic)).add(some)
         except Broken as error:
             reasons.append(f"{part.name}: {error}" if part != path else str(error))
     topics = {topic.name: replace(topic, count=count) for topic, count in counts.items()}
@@ -115,23 +115,22 @@ def parts_of(path: Path) -> list[Path]:
 
 
 # ---------------------------------------------------------------- ROS 2
-#: Topic, how many messages it has besides those that came before, and the messages of joint states themselves.
-Some = tuple[Topic, int, list[Message]]
-
-
-def _ros2(part: Path) -> Iterator[Some]:
-    """Yield what a file holds; ``Broken`` behind what is readable."""
+def _ros2(part: Path, counts: Counter[Topic]) -> Iterator[Messages]:
+    """Yield the joint states of a file, and count all messages; ``Broken`` behind those that are readable."""
     with _opened(part) as reader:
         if not reader.connections:
             raise Broken("it names no topic")
         for each in reader.connections:
             topic = Topic(each.topic, each.msgtype.replace("/msg/", "/"), cdr=True)
-            yield topic, each.msgcount, []
+            counts[topic] += each.msgcount
             if topic.type != JOINT_STATE:
                 continue
             messages = reader.messages([each])
             while some := list(islice(messages, tuning.MESSAGES)):
-                yield topic, 0, [(arrival, raw) for _, arrival, raw in some]
+                _, arrival, raws = zip(*some, strict=True)
+                edges = np.cumsum([0, *map(len, raws)])
+                content = np.frombuffer(b"".join(raws), np.uint8)
+                yield Messages(topic, np.array(arrival), content, edges[:-1], edges[1:])
 
 
 @contextmanager
@@ -159,65 +158,89 @@ def _opened(part: Path) -> Iterator[Reader]:
 
 
 # ---------------------------------------------------------------- ROS 1
-def _ros1(path: Path) -> Iterator[Some]:
-    """Yield what a bag holds; ``Broken`` behind what is readable."""
+def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[Messages]:
+    """Yield the joint states of a bag, and count all messages; ``Broken`` behind those that are readable."""
     known: dict[bytes, Topic] = {}
-    damage, index = None, 0
+    damage = None
+    for op, fields, data in _records(path):
+        if op == _CONNECTION:
+            counts[_remembered(fields, data, known)] += 0
+        if op != _CHUNK:
+            continue
+        try:
+            for some in _messages(_unpacked(fields, data, path), known):
+                counts[some.topic] += len(some.starts)
+                if some.topic.type == JOINT_STATE:
+                    yield some
+        except Broken as error:
+            damage = damage or error
+    if damage:
+        raise damage
+
+
+def _records(path: Path) -> Iterator[tuple[bytes, Fields, bytes]]:
+    """Yield kind, header and data of each record of a bag.
+
+    Raises:
+        Broken: behind the last readable record, or where there is no index.
+        LogNotFound: it is no bag that can be read.
+    """
     with path.open("rb") as stream:
-        if stream.read(len(MAGIC)) != MAGIC:
+        start, index = stream.read(len(MAGIC)), 0
+        if start != MAGIC:
             raise LogNotFound(
                 f"{path.name} is not a ROS 1 bag of version 2.0",
                 where=path,
                 fix=f"see what it is: {shell('file', path)}",
             )
-        for fields, data in _records(stream):
-            index = index or _whole(fields[b"index_pos"])
-            if fields[b"op"] != _CHUNK:
-                continue
-            found = defaultdict[Topic, list[Message]](list)
-            try:
-                for topic, message in _messages(_unpacked(fields, data, path), known):
-                    found[topic].append(message)
-            except Broken as error:
-                damage = damage or error
-            for topic, some in found.items():
-                yield topic, len(some), some
-    if not index or index >= path.stat().st_size:
-        raise Broken("it was never closed, or ends before its index: there is no index")
-    if damage:
-        raise damage
+        while head := stream.read(4):
+            fields = _fields(stream.read(int.from_bytes(head, "little")))
+            op, size = fields[b"op"], int.from_bytes(stream.read(4), "little")
+            index = index or int.from_bytes(fields[b"index_pos"][:8], "little")
+            # Why the rest: a chunk is given its size when it is closed; an open one reaches to the end of the file.
+            data = stream.read(size or -1 if op == _CHUNK else size)
+            yield op, fields, data
+            if len(data) < size:
+                raise Broken("it ends in the middle of a record")
+        if not index or index >= path.stat().st_size:
+            raise Broken("it was never closed, or ends before its index: there is no index")
 
 
-def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[tuple[Topic, Message]]:
-    """Yield the messages of a chunk, whose topics become known."""
-    for fields, data in _records(io.BytesIO(chunk)):
+def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
+    """Yield the messages of a chunk, whose topics become known; ``Broken`` behind them where one is damaged."""
+    at, places_of = 0, defaultdict[bytes, list[int]](list)
+    with suppress(struct.error):
+        while at < len(chunk):
+            body = at + 8 + _SIZE(chunk, at)[0]
+            end = body + _SIZE(chunk, body - 4)[0]
+            if end > len(chunk):
+                break
+            head = chunk[at + 4 : body - 4]
+            time = head.find(_TIME)
+            # Why: headers of the messages of a topic differ in the time alone.
+            places_of[head[:time] + head[time + _TIMED :]] += at, body, end
+            at = end
+    content = np.frombuffer(chunk, np.uint8)
+    for places in places_of.values():
+        starts, bodies, ends = np.reshape(places, (-1, 3)).T
+        head = chunk[starts[0] + 4 : bodies[0] - 4]
+        fields = _fields(head)
+        number = fields[b"conn"]
         if fields[b"op"] == _CONNECTION:
-            known[fields[b"conn"]] = _topic(fields, data)
-        elif fields[b"op"] == _MESSAGE and (topic := known.get(fields[b"conn"])):
-            seconds, rest = (_whole(fields[b"time"][k : k + 4]) for k in (0, 4))
-            yield topic, (seconds * 10**9 + rest, data)
-
-
-def _records(stream: BinaryIO) -> Iterator[tuple[Fields, bytes]]:
-    """Yield header and data of each record of a bag or of a chunk; ``Broken`` behind the last that is readable.
-
-    A chunk that is cut or open is readable up to there: its size is written when it is closed.
-    """
-    while head := stream.read(4):
-        fields = _fields(stream.read(_whole(head)))
-        chunk, size = fields[b"op"] == _CHUNK, _whole(stream.read(4))
-        data = stream.read(size or -1 if chunk else size)
-        if chunk or len(data) == size:
-            yield fields, data
-        if len(data) < size:
-            raise Broken("it ends in the middle of a record")
+            _remembered(fields, chunk[bodies[0] : ends[0]], known)
+        elif fields[b"op"] == _MESSAGE and number in known:
+            times = starts + 4 + head.find(_TIME) + len(_TIME)
+            arrival = taken(content, times, 2, "<u4") @ NANOSECONDS
+            yield Messages(known[number], arrival, content, bodies, ends)
+    if at < len(chunk):
+        raise Broken("it ends in the middle of a record")
 
 
 def _fields(header: bytes) -> Fields:
     """Split a header into its fields: length, name=value."""
     fields, stream = Fields(bytes), io.BytesIO(header)
     while head := stream.read(4):
-        size = _whole(head)
+        size = int.from_bytes(head, "little")
         content = stream.read(size)
         name, equals, value = content.partition(b"=")
         if len(content) != size or not equals:
@@ -226,18 +249,19 @@ def _fields(header: bytes) -> Fields:
     return fields
 
 
-def _topic(fields: Fields, data: bytes) -> Topic:
+def _remembered(fields: Fields, data: bytes, known: dict[bytes, Topic]) -> Topic:
     """Return the topic of a connection; messages name it by its number."""
     facts = _fields(data) | fields
     name, kind = (facts.get(key, b"").decode("utf-8", "replace") for key in (b"topic", b"type"))
-    return Topic(re.sub("/+", "/", name).removesuffix("/"), kind)
+    topic = known[fields[b"conn"]] = Topic(re.sub("/+", "/", name).removesuffix("/"), kind)
+    return topic
 
 
 def _unpacked(fields: Fields, data: bytes, path: Path) -> bytes:
     """Return the records in a chunk, of one that is cut those before the cut; ``Broken`` where it is damaged."""
     if fields[b"compression"] == b"none":
         return data
-    size = _whole(fields[b"size"])
+    size = int.from_bytes(fields[b"size"], "little")
     bounded(len(data), size, path)
     machine = bz2.BZ2Decompressor()
     if fields[b"compression"] == b"lz4":

@@ -1,18 +1,17 @@
 """Raw ``sensor_msgs/JointState`` -> logs; messages that differ only in their numbers are decoded together.
 
-``bags`` takes them out of recordings; ``Collector`` keeps their numbers, grouped by the joint names they carry (an arm
-and its gripper often share a topic). The definition that a recording carries is
+``bags`` says where messages stand in its bytes; ``Collector`` keeps their numbers, grouped by
+the joint names they carry (an arm and its gripper often share a topic). The definition that a recording carries is
 never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR, version 1).
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dynid.errors import WrongMessageType
@@ -21,8 +20,6 @@ from dynid.log import Log
 
 Bytes = NDArray[np.uint8]
 Times = NDArray[np.int64]
-#: Time of arrival [ns] and bytes.
-Message = tuple[int, bytes]
 #: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns]; ``position``,
 #: ``velocity`` and ``effort``, (N, n), NaN where messages have none.
 Columns = dict[str, NDArray[Any]]
@@ -58,6 +55,29 @@ class Topic:
         return f"{self.name} ({self.type.split('/')[-1]}, {self.count})"
 
 
+class Messages(NamedTuple):
+    """Some messages of a topic.
+
+    Attributes:
+        topic: their topic.
+        arrival: times of arrival, (N,) [ns].
+        content: bytes in which they stand.
+        starts: where each begins in them, (N,).
+        ends: where each ends, (N,).
+    """
+
+    topic: Topic
+    arrival: Times
+    content: Bytes
+    starts: Times
+    ends: Times
+
+
+def taken(content: Bytes, starts: Times, count: int, kind: str = "u1") -> NDArray[Any]:
+    """Return so many numbers of a type, as NumPy writes it, from each place on, (N, count)."""
+    return sliding_window_view(content, count * np.dtype(kind).itemsize)[starts].view(kind)
+
+
 # ---------------------------------------------------------------- messages to columns
 class Collector:
     """Takes the messages of one topic, keeps their numbers.
@@ -69,53 +89,47 @@ class Collector:
     def __init__(self, topic: Topic) -> None:
         self.reason = ""
         self._topic = topic
-        # By the joints that messages carry: names in the order of the first message, and the numbers.
-        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns]]] = {}
+        # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
+        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns], set[str]]] = {}
 
-    def add(self, some: Iterable[Message]) -> None:
+    def add(self, some: Messages) -> None:
         """Take messages, those of one length and layout in one go."""
-        by_length = defaultdict[int, list[Message]](list)
-        for message in some:
-            by_length[len(message[1])].append(message)
-        for length, each in by_length.items():
-            times, raws = zip(*each, strict=True)
-            arrival = np.array(times)
-            table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), length)
-            while len(table):
+        lengths = some.ends - some.starts
+        for length in np.unique(lengths).tolist():
+            rest = np.flatnonzero(lengths == length)
+            table = taken(some.content, some.starts[rest], length)
+            while len(rest):
                 try:
                     layout = _Layout(table[0].tobytes(), self._topic)
                     alike = np.all(table[:, layout.equal] == table[0, layout.equal], axis=1)
-                    self._keep(layout, arrival[alike], table[alike])
+                    which = rest[alike]
+                    self._keep(layout, some.arrival[which], some.content, some.starts[which])
                 except Broken as error:
                     self.reason = str(error)
                     alike = np.all(table == table[0], axis=1)
-                arrival, table = arrival[~alike], table[~alike]
+                rest, table = rest[~alike], table[~alike]
 
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""
         logs = (_log(*group, self._topic.name) for group in self._groups.values())
         return sorted(logs, key=len, reverse=True)
 
-    def _keep(self, layout: _Layout, arrival: Times, table: Bytes) -> None:
-        """Keep the numbers of messages of one layout, one a row."""
+    def _keep(self, layout: _Layout, arrival: Times, content: Bytes, starts: Times) -> None:
         names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
-        first, blocks = self._groups.setdefault(frozenset(names) or width, (names, []))
+        first, blocks, filled = self._groups.setdefault(
+            frozenset(names) or width, (names, [], set())
+        )
         order = [names.index(name) for name in first] or slice(None)
         # Unit: bytes 4-11 are the stamp, in ROS 1 behind a sequence number, in CDR behind the encapsulation.
-        stamp = _numbers(table, 4, 2, "<u4") @ NANOSECONDS
+        stamp = taken(content, starts + 4, 2, "<u4") @ NANOSECONDS
         block = {"arrival": arrival, "stamp": stamp}
         for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
             # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
-            block[key] = np.full((len(table), width), np.nan)
+            block[key] = np.full((len(starts), width), np.nan)
+            filled.update({key} if count else ())
             if count == width:
-                block[key] = _numbers(table, place, count, "<f8")[:, order]
+                block[key] = taken(content, starts + place, count, "<f8")[:, order]
         blocks.append(block)
-
-
-def _numbers(table: Bytes, start: int, count: int, kind: str) -> NDArray[Any]:
-    """Return so many numbers of a type, as NumPy writes it, from one place of each row on, (N, count)."""
-    end = start + count * np.dtype(kind).itemsize
-    return np.ascontiguousarray(table[:, start:end]).view(kind)
 
 
 class _Layout:
@@ -172,11 +186,11 @@ class _Layout:
 
 
 # ---------------------------------------------------------------- columns to logs
-def _log(names: tuple[str, ...], blocks: list[Columns], topic: str) -> Log:
+def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic: str) -> Log:
     """Return messages, put in the order of arrival, as a raw log.
 
     ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, the first and last ``arrival_ns``,
-    and as ``absent`` the fields of which no message has a number; absent positions and efforts are NaN.
+    and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
     """
     order = np.argsort(np.concatenate([block["arrival"] for block in blocks]), kind="stable")
     columns = {key: np.concatenate([block[key] for block in blocks])[order] for key in blocks[0]}
@@ -187,18 +201,17 @@ def _log(names: tuple[str, ...], blocks: list[Columns], topic: str) -> Log:
     ticking = len(np.unique(stamp)) >= max(2, tuning.LEAST_DISTINCT * len(stamp))
     stamped = ticking and bool(np.all(stamp[1:] > 0))
     ns = stamp if stamped else arrival
-    absent = tuple(key for key in FIELDS if np.isnan(columns[key]).all())
     return Log(
         t=(ns - ns[0]) * 1e-9,
         q=columns["position"],
         tau=columns["effort"],
         names=names,
-        qd=None if "velocity" in absent else columns["velocity"],
+        qd=columns["velocity"] if "velocity" in filled else None,
         topic=topic,
         extra={
             "clock": "header" if stamped else "arrival",
             "start_ns": int(ns[0]),
             "arrival_ns": (int(arrival[0]), int(arrival[-1])),
-            "absent": absent,
+            "absent": tuple(key for key in FIELDS if key not in filled),
         },
     )
