@@ -193,7 +193,8 @@ def named_effect(one: GapEffect, *, changed: bool) -> str:
             return f"The arm carries {mass} {unit} {word} than {than}."
     kind = "New effect since the model was identified" if changed else "Missing effect"
     kind = "Corrected effect" if one.corrected else kind
-    return f"{kind} on {one.where}: {sizes_of(one)}."
+    part = "" if one.share is None else f", {100 * one.share:.0f} % of an unexplained gap"
+    return f"{kind} on {one.where}{part}: {sizes_of(one)}."
 
 
 def likely_effect(one: GapEffect) -> str:
