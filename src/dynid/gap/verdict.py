@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import expit
 
+from dynid.arrays import Floats
 from dynid.estimation.possible_set import pseudo_inertia
 from dynid.gap import tuning
+from dynid.gap.counterbalance import COUNTERBALANCE
 from dynid.gap.delays import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
@@ -50,6 +52,10 @@ def refusal(
     sure, late = search.options.sure, one.name == "torque_delay"
     rate = search.problem.rows.logs[0].filter.rate
     probability = 1.0 if late else expit(one.log_odds)
+    # How large what is left of its joint is, over the effect: what no kind of the rest holds, too.
+    # Why not of a change: what has always been left stands for nothing that is new.
+    left = unnamed(search)[one.joint] / max(one.visible, 1e-12)
+    alone = not (late or one.name == COUNTERBALANCE or search.problem.rows.compared)
     reasons = (
         # Recorders of five public arms skew by up to 0.3 periods.
         (late and abs(one.values["delay"]) * rate < SAMPLING, SMALL_DELAY),
@@ -70,6 +76,11 @@ def refusal(
         ),
         # On another motion a real arm differs from its model by more than the rows say, although nothing has changed.
         (changed == (), "old and new logs agree without it"),
+        # A dead band is half a gain: 1.85 times it was left beside 1.15 of the noise, and held-out rows agreed.
+        (
+            alone and left > 1.0,
+            f"the remaining residual of this joint is {left:.1f} times as large: it may stand for something else",
+        ),
         (not possible(one), "no physical body has these parameters"),
         # Presliding of 0.1 to 0.9 mrad looks like a hysteresis of 2.00 mrad on 10 of 11 arms, a dead band like a hump.
         (bool(end := at_an_end(one)), f"{end} is at the lower end of its range, as of a reversal"),
@@ -103,6 +114,12 @@ def possible(one: SelectedEffect) -> bool:
 def _louder(search: EffectSearch) -> float:
     """Return how much louder than measured the noise is from which something is missing."""
     return tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
+
+
+def unnamed(search: EffectSearch) -> Floats:
+    """Return the size of what has no name on each joint, in units of the noise, (n,)."""
+    level = np.maximum(search.rest.level - _louder(search), 0.0)
+    return np.hypot(search.rest.rms, np.sqrt(level))
 
 
 def verdict_of(
