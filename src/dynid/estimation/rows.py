@@ -95,11 +95,13 @@ class Rows:
         return np.where(self.use, self.tau - self.torque(theta), 0.0)
 
     def take(self, chosen: Mask) -> Rows:
-        """Return some of the rows, (M,)."""
+        """Return some of the rows, (M,); views of them where they follow each other."""
         k = np.flatnonzero(chosen)
-        taken = replace(self, **{name: getattr(self, name)[k] for name in ARRAYS})
+        follow = len(k) and k[-1] - k[0] == len(k) - 1
+        at = slice(int(k[0]), int(k[-1]) + 1) if follow else k
+        taken = replace(self, **{name: getattr(self, name)[at] for name in ARRAYS})
         begins = taken.begins | (np.diff(k, prepend=-2) != 1)
-        return replace(taken, begins=begins, Z=None if self.Z is None else self.Z[k])
+        return replace(taken, begins=begins, Z=None if self.Z is None else self.Z[at])
 
     def factors(self, weight: Floats | None = None) -> Floats:
         """Return the triangular factor of [W tau] of each joint, (n, p + 1, p + 1) [N m or N].
@@ -129,7 +131,7 @@ def joined(parts: Sequence[Rows]) -> Rows:
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in parts]) for name in ARRAYS
     }
-    return replace(parts[-1], **arrays)
+    return replace(parts[-1], **arrays) if len(parts) > 1 else parts[0]
 
 
 # ---------------------------------------------------------------- evaluation

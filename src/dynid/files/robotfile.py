@@ -117,10 +117,18 @@ def _check_gravity(value: Value, robot: Robot, mount: str) -> None:
 
 # ---------------------------------------------------------------- writing
 #: Keys that are left out where they say nothing, in the order of the file.
-OPTIONAL = (
-    *("links", "torque", "driver", "known", "prior"),
-    *("tool", "simulator", "coupling", "coulomb", "effects"),
-)
+OPTIONAL = [
+    "links",
+    "torque",
+    "driver",
+    "known",
+    "prior",
+    "tool",
+    "simulator",
+    "coupling",
+    "coulomb",
+    "effects",
+]
 
 
 def text_of(robot: Robot, *, with_prior: bool = True) -> str:

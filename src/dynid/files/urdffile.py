@@ -5,13 +5,13 @@ Angles that were typed with few digits (1.5708) are taken for the right angles t
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from dynid.arrays import Floats
 from dynid.errors import WrongUrdf
@@ -57,7 +57,8 @@ class UrdfJoint:
         if self.type == "prismatic":
             pose[:3, 3] = q * self.axis
         elif self.moves:
-            pose[:3, :3] = Rotation.from_rotvec(q * self.axis).as_matrix()
+            K = np.cross(np.eye(3), self.axis)
+            pose[:3, :3] = np.eye(3) + math.sin(q) * K + (1 - math.cos(q)) * K @ K
         return self.origin @ pose
 
 
