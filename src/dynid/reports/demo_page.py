@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dynid.disk import write_text
-from dynid.reports.page import templates
+from dynid.reports.templating import template
 
 
 def write_demo_page(path: Path, robot: str, told: Sequence[str | Path], program: str) -> Path:
@@ -20,6 +20,6 @@ def write_demo_page(path: Path, robot: str, told: Sequence[str | Path], program:
         program: word that starts dynid here.
     """
     facts = {"robot": robot, "told": told, "program": program}
-    page = templates().get_template("demo.html").render(facts, b64encode=b64encode)
+    page = template("demo.html").render(facts, b64encode=b64encode)
     write_text(path, page)
     return path

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arrays import Floats
 from dynid.disk import written_whole
@@ -48,7 +47,7 @@ STYLE: dict[Any, Any] = {
     "grid.color": GRID,
     "grid.linewidth": 0.6,
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), TEXT - 1),
-    **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 2),
+    **dict.fromkeys(("xtick.bottom", "ytick.left"), False),
 }
 
 
@@ -108,29 +107,24 @@ def _notebook_figure() -> type[Figure]:
 
 
 def joint_panels(
-    titles: Sequence[str], each: float, x_labels: Sequence[str], *, over_time: bool = False
-) -> tuple[Figure, NDArray[np.object_]]:
-    """Return a figure with one row of panels per joint, and its axes, (n, columns).
+    titles: Sequence[str], each: float, between: float, above: float
+) -> tuple[Figure, Sequence[Axes]]:
+    """Return a figure with a panel per joint, one below the other, and their axes.
 
     Args:
-        titles: of the rows, over their first panels.
+        titles: of the panels.
         each: height of a panel [inch].
-        x_labels: under the last panel of each column.
-        over_time: whether all share an axis, and have a title and a legend above.
+        between: space between two [inch].
+        above: space above the first [inch].
     """
-    n, columns = len(titles), len(x_labels)
-    between, above, below = (0.26, 0.7, 0.45) if over_time else (0.4, 0.25, 0.45)
-    height = n * each + (n - 1) * between + above + below
+    n, below = len(titles), 0.45
+    height = n * (each + between) - between + above + below
     figure = new_figure(height, spaced=False)
-    axes = figure.subplots(n, columns, squeeze=False, sharex=over_time)
-    figure.subplots_adjust(
-        0.11, below / height, 0.98, 1 - above / height, 0.075 * columns, between / each
-    )
-    for row, words in zip(axes, titles, strict=True):
+    lowers = [height - above - each - k * (each + between) for k in range(n)]
+    axes = [figure.add_axes((0.11, y / height, 0.87, each / height)) for y in lowers]
+    for axis, words in zip(axes, titles, strict=True):
         # Why with a height, the usual one: else matplotlib looks whether labels are in the way.
-        row[0].set_title(words, y=1.0, pad=3)
-    for axis, words in zip(axes[-1], x_labels, strict=True):
-        axis.set_xlabel(words)
+        axis.set_title(words, y=1.0, pad=3)
     return figure, axes
 
 
@@ -190,8 +184,8 @@ def curves_over_time(
     head: str,
 ) -> Figure:
     """Draw curves by name, with colour and width, over times, (M,) [s], a panel for each joint."""
-    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
-    for axis, curves in zip(axes[:, 0], panels, strict=True):
+    figure, axes = joint_panels(titles, 0.85, 0.26, 0.7)
+    for axis, curves in zip(axes, panels, strict=True):
         for name, (values, color, width) in curves.items():
             axis.plot(*broken(t, values), color=color, lw=width, label=name)
         shown = np.concatenate([values for values, _, _ in curves.values()])
@@ -199,6 +193,11 @@ def curves_over_time(
         room = 0.12 * max(high - low, 1e-9)
         axis.set_ylim(low - room, high + room)
         axis.locator_params(axis="y", nbins=4)
+    axes[-1].set_xlabel("time [s]")
+    for axis in axes[:-1]:
+        # Why: lines are the same as the ticks of all, and take a tenth of the time.
+        axis.xaxis.set_visible(False)
+        axis.vlines(axes[-1].get_xticks()[1:-1], *axis.get_ylim(), color=GRID, lw=0.6, zorder=0.5)
     inch = 1 / figure.get_figheight()
     figure.suptitle(head, x=0.01, y=1 - 0.05 * inch, ha="left", va="top")
     handles = figure.axes[0].get_legend_handles_labels()

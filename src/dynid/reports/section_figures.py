@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Share of the largest singular value below which noise is amplified a thousandfold.
 WEAK_DIRECTION = 1e-3
+#: Width of a column of the residual, where one begins at each integer.
+WIDE = 0.8
 #: Bins of the residual's mean and spread.
 BINS = 24
 #: What the residual is drawn over: the name in a motion, and the units of turning and sliding joints.
@@ -42,8 +44,8 @@ AGAINST = {
 def spectrum_figure(singular_values: Floats) -> Figure:
     """Draw the singular values of a stack with normalised columns, (p,), over the largest."""
     share = np.maximum(singular_values / singular_values[0], 1e-12)
-    figure = new_figure(2.0)
-    axis = figure.subplots()
+    figure = new_figure(2.0, spaced=False)
+    axis = figure.add_axes((0.17, 0.2, 0.81, 0.75))
     axis.semilogy(np.arange(1, len(share) + 1), share, "o-", color=ESTIMATED, ms=2.5, lw=0.8)
     # Why as numbers: formulas take longer than the figure.
     axis.yaxis.set_major_formatter("{x:g}")
@@ -73,20 +75,36 @@ def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
 # ---------------------------------------------------------------- residual
 @styled
 def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
-    """Draw mean and spread of the residual torque, one row of panels per joint, one column for each of ``AGAINST``."""
+    """Draw mean and spread of the residual torque, one row of panels per joint, one column for each of ``AGAINST``.
+
+    Why one panel a row holds all: axes and their ticks take ten times as long as the curves in them.
+    """
+    from matplotlib.ticker import MaxNLocator
+
     titles = [f"{label(joint.name)} [{joint.torque_unit}]" for joint in robot.joints]
-    figure, axes = joint_panels(titles, 0.5, [_with_unit(against, robot) for against in AGAINST])
-    for j, row in enumerate(axes):
-        for axis, against in zip(row, AGAINST, strict=True):
+    figure, axes = joint_panels(titles, 0.5, 0.4, 0.25)
+    numbers = MaxNLocator(2, steps=[1, 2, 4, 5, 10])
+    for j, axis in enumerate(axes):
+        places, words = [], []
+        for k, against in enumerate(AGAINST):
             centre, mean, spread, size = residual_averages(motion, j, against)
-            axis.axhline(0.0, color=MEASURED, lw=0.8)
-            axis.fill_between(
-                centre, mean - spread, mean + spread, color=ESTIMATED, alpha=0.25, lw=0
-            )
-            axis.plot(centre, mean, color=ESTIMATED, lw=1.2)
-            axis.set_ylim(-3.2 * max(size, 1e-9), 3.2 * max(size, 1e-9))
-            axis.locator_params(nbins=3)
-            axis.tick_params(labelleft=axis is row[0])
+            # Why more: a joint that did not move has an axis too.
+            ends = (centre[0], centre[-1] + 1e-6) if len(centre) else (0.0, 1.0)
+            column = k, k + WIDE
+            x = np.interp(centre, ends, column)
+            axis.fill_between(x, mean - spread, mean + spread, color=ESTIMATED, alpha=0.25, lw=0)
+            axis.plot(x, mean, color=ESTIMATED, lw=1.2)
+            round_ones = numbers.tick_values(*ends)[1:-1]
+            places += [*np.interp(round_ones, ends, column)]
+            words += [f"{number:g}".replace("-", "−") for number in round_ones]
+        axis.set_xticks(places, words)
+        axis.axhline(0.0, color=MEASURED, lw=0.8)
+        axis.set_ylim(-3.2 * max(size, 1e-9), 3.2 * max(size, 1e-9))
+        axis.locator_params(axis="y", nbins=3)
+    across = axes[-1].get_xaxis_transform()
+    for k, against in enumerate(AGAINST):
+        what = _with_unit(against, robot)
+        axes[-1].text(k + WIDE / 2, -0.6, what, transform=across, ha="center")
     return figure
 
 
@@ -103,10 +121,11 @@ def residual_averages(
 
 def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
     """Return centres, means and spreads of y, (M,), in bins of equal count over x, (M,); each (BINS,)."""
-    order = np.argsort(x)
-    parts = [part for part in np.array_split(order, BINS) if len(part) > 1]
-    rows = [(float(x[part].mean()), float(y[part].mean()), float(y[part].std())) for part in parts]
-    centre, mean, spread = np.array(rows).reshape(-1, 3).T
+    edges = np.linspace(0, len(x), min(BINS, len(x) // 2) + 1).astype(int)
+    order, size = np.argsort(x), np.diff(edges)
+    x, y = x[order], y[order]
+    centre, mean = np.add.reduceat([x, y], edges[:-1], axis=1) / size
+    spread = np.sqrt(np.add.reduceat((y - np.repeat(mean, size)) ** 2, edges[:-1]) / size)
     return centre, mean, spread
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +10,9 @@ import numpy as np
 
 from dynid.answer import picked
 from dynid.estimation.result import Identification
+from dynid.reports.templating import template
 from dynid.table import with_error
-from dynid.text import csv_row, latex, printable
+from dynid.text import csv_row, latex
 
 
 @dataclass(frozen=True)
@@ -36,28 +36,7 @@ class JunitCase:
 
 def junit(suite: str, cases: Sequence[JunitCase]) -> str:
     """Return a JUnit XML report."""
-    counts = {
-        "tests": len(cases),
-        "failures": sum(bool(case.failure) and not case.error for case in cases),
-        "errors": sum(case.error for case in cases),
-    }
-    facts = {"name": printable(suite)} | {key: str(count) for key, count in counts.items()}
-    root = ET.Element("testsuites", facts)
-    element = ET.SubElement(root, "testsuite", facts)
-    for case in cases:
-        one = ET.SubElement(
-            element,
-            "testcase",
-            name=printable(case.name),
-            classname=printable(case.group),
-            time=f"{case.seconds:.3f}",
-        )
-        if case.failure:
-            lines = [printable(line) for line in case.failure.splitlines()]
-            kind = "error" if case.error else "failure"
-            ET.SubElement(one, kind, message=lines[0]).text = "\n".join(lines)
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    return template("junit.xml").render(suite=suite, cases=cases) + "\n"
 
 
 #: What of a result stands before its parameters.

@@ -53,7 +53,7 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
     assert set(np.sign(line[:11])) == {-1.0}
     assert np.abs(np.abs(np.delete(line, [11, 12])) - 1).max() < 1e-12
     assert np.abs(residual_averages(motion, 0, "position")[1]).max() < 0.3
-    shown = residual_figure(motion, robot).axes[0].get_lines()[-1].get_ydata()
+    shown = residual_figure(motion, robot).axes[0].get_lines()[0].get_ydata()
     assert_array_equal(shown, line)
 
 
