@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dynid.disk import write_text
-from dynid.reports.templating import template
+from dynid.reports.templating import rendered
 
 
 def write_demo_page(path: Path, robot: str, told: Sequence[str | Path], program: str) -> Path:
@@ -19,7 +19,6 @@ def write_demo_page(path: Path, robot: str, told: Sequence[str | Path], program:
         told: ``---`` before a heading, ``dynid`` before the command that does it again, a sentence, or a picture.
         program: word that starts dynid here.
     """
-    facts = {"robot": robot, "told": told, "program": program}
-    page = template("demo.html").render(facts, b64encode=b64encode)
+    page = rendered("demo.html", robot=robot, told=told, program=program, b64encode=b64encode)
     write_text(path, page)
     return path

@@ -120,8 +120,8 @@ def joint_panels(
     n, below = len(titles), 0.45
     height = n * (each + between) - between + above + below
     figure = new_figure(height, spaced=False)
-    lowers = [height - above - each - k * (each + between) for k in range(n)]
-    axes = [figure.add_axes((0.11, y / height, 0.87, each / height)) for y in lowers]
+    axes = figure.subplots(n, squeeze=False)[:, 0].tolist()
+    figure.subplots_adjust(0.11, below / height, 0.98, 1 - above / height, hspace=between / each)
     for axis, words in zip(axes, titles, strict=True):
         # Why with a height, the usual one: else matplotlib looks whether labels are in the way.
         axis.set_title(words, y=1.0, pad=3)
@@ -129,13 +129,25 @@ def joint_panels(
 
 
 def bar_figure(
-    names: Sequence[str], each: float, more: float, columns: int = 1
+    names: Sequence[str], each: float, more: float, columns: int = 1, *, spaced: bool = True
 ) -> tuple[Figure, Sequence[Axes]]:
-    """Return a figure with a row of bars per name, the first on top, and its axes; heights in inches."""
-    figure = new_figure(each * len(names) + more)
+    """Return a figure with a row of bars per name, the first on top, and its axes; heights in inches.
+
+    Args:
+        names: of the rows.
+        each: height of a row.
+        more: height of the rest.
+        columns: number of axes beside each other.
+        spaced: as for ``new_figure``; else the names have the room that their letters need.
+    """
+    height, words = each * len(names) + more, [label(name) for name in names]
+    figure = new_figure(height, spaced=spaced)
     axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
-    axes[0].set_yticks(range(len(names)), [label(name) for name in names])
+    axes[0].set_yticks(range(len(names)), words)
     axes[0].set_ylim(len(names) - 0.4, -0.6)
+    if not spaced:
+        left = 0.03 + 0.014 * max(map(len, words))
+        figure.subplots_adjust(left, 0.5 / height, 0.98, 1 - 0.05 / height, 0.06)
     return figure, axes
 
 

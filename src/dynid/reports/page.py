@@ -15,7 +15,7 @@ from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports import figures, gap_figures, section_figures
 from dynid.reports.gathered import Gathered
-from dynid.reports.templating import template
+from dynid.reports.templating import rendered
 from dynid.robot import LINK_PARAMETERS
 from dynid.table import ROUNDING, with_error
 
@@ -26,29 +26,31 @@ if TYPE_CHECKING:
 
 def page(gathered: Gathered) -> str:
     """Return the page of what was gathered."""
-    return _rendered("page.html", gathered)
+    return _told("page.html", gathered)
 
 
 def summary(gathered: Gathered) -> str:
     """Return a compact Markdown summary for a pull request."""
-    return _rendered("summary.md", gathered)
+    return _told("summary.md", gathered)
 
 
-def _rendered(name: str, gathered: Gathered) -> str:
-    known = {
-        "drawn": drawn,
-        "figures": figures,
-        "section_figures": section_figures,
-        "gap_figures": gap_figures,
-        "with_error": with_error,
-        "rounding": ROUNDING,
-        "catalogue": CATALOGUE,
-        "groups": GROUP_NAMES,
-        "kinds": LINK_PARAMETERS,
-        "used": USED,
-    }
-    facts = {"found": gathered.result, "robot": gathered.robot}
-    return template(name, **known).render(facts, gathered=gathered)
+def _told(name: str, gathered: Gathered) -> str:
+    return rendered(
+        name,
+        found=gathered.result,
+        robot=gathered.robot,
+        gathered=gathered,
+        drawn=drawn,
+        figures=figures,
+        section_figures=section_figures,
+        gap_figures=gap_figures,
+        with_error=with_error,
+        rounding=ROUNDING,
+        catalogue=CATALOGUE,
+        groups=GROUP_NAMES,
+        kinds=LINK_PARAMETERS,
+        used=USED,
+    )
 
 
 def drawn(label: str, draw: Callable[..., Figure], *what: Any) -> Markup:  # noqa: ANN401

@@ -58,7 +58,7 @@ def spectrum_figure(singular_values: Floats) -> Figure:
 @styled
 def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
     """Draw the range of positions and speeds of each joint beside its limits."""
-    figure, axes = bar_figure(robot.joint_names, 0.2, 0.8, 2)
+    figure, axes = bar_figure(robot.joint_names, 0.2, 0.8, 2, spaced=False)
     fastest, none = robot.limits("velocity", np.nan), (np.nan, np.nan)
     shown = (
         ("position", motion.q_estimated, *robot.travel(none, none)),
@@ -101,10 +101,9 @@ def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
         axis.axhline(0.0, color=MEASURED, lw=0.8)
         axis.set_ylim(-3.2 * max(size, 1e-9), 3.2 * max(size, 1e-9))
         axis.locator_params(axis="y", nbins=3)
-    across = axes[-1].get_xaxis_transform()
     for k, against in enumerate(AGAINST):
-        what = _with_unit(against, robot)
-        axes[-1].text(k + WIDE / 2, -0.6, what, transform=across, ha="center")
+        head, under = _with_unit(against, robot), axis.get_xaxis_transform()
+        axis.text(k + WIDE / 2, -0.6, head, transform=under, ha="center")
     return figure
 
 

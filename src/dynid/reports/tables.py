@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.answer import picked
 from dynid.estimation.result import Identification
-from dynid.reports.templating import template
+from dynid.reports.templating import rendered
 from dynid.table import with_error
 from dynid.text import csv_row, latex
 
@@ -36,7 +36,7 @@ class JunitCase:
 
 def junit(suite: str, cases: Sequence[JunitCase]) -> str:
     """Return a JUnit XML report."""
-    return template("junit.xml").render(suite=suite, cases=cases) + "\n"
+    return rendered("junit.xml", suite=suite, cases=cases) + "\n"
 
 
 #: What of a result stands before its parameters.
@@ -73,22 +73,11 @@ def runs_csv(names: Sequence[str], runs: Sequence[Identification]) -> str:
 
 def runs_latex(names: Sequence[str], runs: Sequence[Identification]) -> str:
     """Return a table with one row per parameter and one column per run (the paper's Table 10), for booktabs."""
-    rows = run_rows(names, runs)
-    lines = [rf"\begin{{tabular}}{{l{'r' * len(runs)}}}", r"\toprule"]
-    lines.append(" & ".join(["", *map(latex, names)]) + r" \\")
-    lines.append(r"\midrule")
-    for name in dict.fromkeys(name for run in runs for name in run.names):
-        cells = (_cell(row[name], row[f"{name}_std_error"]) for row in rows)
-        lines.append(" & ".join([latex(name), *cells]) + r" \\")
-    lines.append(r"\midrule")
-    figures = (f"{run.relative_error_percent:.3g}" for run in runs)
-    lines.append(" & ".join([r"relative error [\%]", *figures]) + r" \\")
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
-
-
-def _cell(value: float | None, error: float | None) -> str:
-    if value is None:
-        return "--"
-    if error is None:
-        return "not determined"
-    return rf"${with_error(value, error)} \pm {with_error(error, error)}$"
+    return rendered(
+        "runs.tex",
+        names=names,
+        rows=run_rows(names, runs),
+        parameters=dict.fromkeys(name for run in runs for name in run.names),
+        latex=latex,
+        with_error=with_error,
+    )

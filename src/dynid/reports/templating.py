@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dynid.text import markdown, printable, shell
 
-if TYPE_CHECKING:
-    from jinja2 import Template
 
-
-def template(name: str, **known: Any) -> Template:  # noqa: ANN401
-    """Return a template, which knows some things by name in all its parts."""
+def rendered(name: str, **known: Any) -> str:  # noqa: ANN401
+    """Return the text of a template, which knows some things by name in all its parts."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -26,7 +23,7 @@ def template(name: str, **known: Any) -> Template:  # noqa: ANN401
     environment.filters |= {"markdown": markdown, "short": "{:.3g}".format}
     environment.globals |= {"zip": zip, "shell": shell, **known}
     environment.globals["style"] = Markup(environment.get_template("style.css").render())
-    return environment.get_template(name)
+    return environment.get_template(name).render()
 
 
 def _shown(value: Any) -> Any:  # noqa: ANN401
