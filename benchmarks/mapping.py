@@ -62,7 +62,7 @@ def recorded(name, path):
 def driver_columns(log, robot):
     """Return the driver's columns in SI units, which a file with a mistake need not make sense of, and their names."""
     return in_si(robot_columns(log, robot), robot), [
-        log.names[k] for k in matching_columns(log, robot)[0]
+        log.names[k] for k in matching_columns(log, robot)
     ]
 
 

@@ -21,7 +21,7 @@ from dynid.version import __version__
 #: Name of the array that holds the header.
 HEADER = "header"
 #: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
-COMPRESSED_BYTES = 4 << 20
+COMPRESSED_BYTES = 1 << 20
 #: Larger members need the long form of a zip archive.
 _ZIP64 = 1 << 31
 
@@ -65,7 +65,8 @@ def write_artifact(
                 zipfile.ZIP_DEFLATED if array.nbytes < COMPRESSED_BYTES else zipfile.ZIP_STORED
             )
             with archive.open(info, "w", force_zip64=array.nbytes > _ZIP64) as member:
-                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+                # Why a copy: rows after rows, whatever the order in memory.
+                np.lib.format.write_array(member, array.copy(), allow_pickle=False)
 
 
 def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:

@@ -39,7 +39,6 @@ from dynid.estimation.posterior import (
 )
 from dynid.estimation.residual_model import ModelError, squares
 from dynid.estimation.result import Identification
-from dynid.estimation.rows import Rows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import indefinite_share, random_poses
@@ -84,10 +83,9 @@ def last_motion(stack: Stack, share: float) -> HoldOut | None:
     """
     numbers = motion_numbers([log_motion(log) for log in stack.logs])
     last = [k for k, number in enumerate(numbers) if number == max(numbers)]
-    rows = stack.rows
-    held = np.isin(rows.log, last)
+    held = np.isin(stack.rows.log, last)
     # Why the size: a motion that is most of the rows has to be fitted.
-    if max(numbers, default=0) == 0 or rows.use[held].sum() > 0.5 * stack.counts.sum():
+    if max(numbers, default=0) == 0 or stack.rows.use[held].sum() > 0.5 * stack.counts.sum():
         return last_share(stack, share)
     return _split(stack, held, f"another motion: {', '.join(stack.logs[k].name for k in last)}")
 
@@ -98,27 +96,26 @@ def log_motion(log: ConditionedLog) -> Floats:
     return sampled(t, q)
 
 
-def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
-    """Return what an earlier result was made from as a stack, to which new logs are added: recursive least squares.
+def updated(stack: Stack, earlier: Identification) -> Stack:
+    """Return a stack to which what an earlier result was made from is added: recursive least squares.
 
     A result keeps one factor of [W tau] per joint. Factors of old and new rows merged by one more QR are the factor of
     all rows, so the parameters equal those of a fit on all logs to rounding. Single rows of the old logs are gone:
     methods that look at them cannot be used, and the memory of the old residuals is that of the old covariance.
 
     Args:
+        stack: the new logs.
         earlier: the result.
-        base: model and base parameters of the new logs.
 
     Raises:
         WrongUsage: the earlier result has other base parameters.
     """
-    if earlier.names != base.names or earlier.robot.joint_names != base.robot.joint_names:
+    if earlier.names != stack.names or earlier.robot.joint_names != stack.joints:
         raise WrongUsage(
             f"{earlier.label} has different base parameters from this log's model",
             fix="identify both with the same robot file",
         )
-    n, p = base.robot.n, len(base.names)
-    return Stack(base, (), Rows.of(np.zeros((0, n, p)), np.zeros((0, n))), earlier.fit)
+    return replace(stack, earlier=earlier.fit)
 
 
 @solvable()

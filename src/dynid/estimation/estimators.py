@@ -26,7 +26,6 @@ from dynid.estimation.least_squares import (
     merge,
     ordinary,
     solve,
-    weighted,
     widened,
 )
 from dynid.estimation.rows import Rows, robust_noise
@@ -147,7 +146,7 @@ def fitted(stack: Stack, method: str) -> Fit:
             weight for spikes, ``"ridge"`` near the prior (the paper's last remark on estimation), or ``"iv"`` with the
             commanded motion as instruments, which knows nothing of the encoders' noise.
     """
-    factors, counts, rows, earlier = stack.factors, stack.counts, stack.rows, stack.earlier
+    rows, earlier, robust = stack.rows, stack.earlier, method == "irls"
     if method == "iv":
         if not all(each.command_q.size for log in stack.logs for each in log.segments):
             raise WrongUsage(
@@ -155,12 +154,9 @@ def fitted(stack: Stack, method: str) -> Fit:
                 fix="use --method wls, or a log recorded by dynid record",
             )
         return instrumental(stack.instrumented, stack.first_fit)
-    if method == "irls":
-        fit = huber(rows, stack.first_fit)
-    else:
-        fit = ordinary(factors, counts) if method == "ols" else weighted(factors, counts)
-        fit = near_prior(fit, stack.base) if method == "ridge" else fit
-    fit, robust = replace(fit, factors=factors, counts=counts), method == "irls"
+    fit = ordinary(stack.factors, stack.counts) if method == "ols" else stack.first_fit
+    fit = huber(rows, fit) if robust else fit
+    fit = near_prior(fit, stack.base) if method == "ridge" else fit
     inverse = fit.solution.inverse
     if earlier is not None:
         # The scores of old and new logs vary independently.

@@ -16,7 +16,7 @@ from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import autocorrelation_time
 from dynid.estimation.rows import joined, parallel_filtered, rows_of
-from dynid.estimation.stack import Stack, stack_with_settled_effects
+from dynid.estimation.stack import Stack, settled
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.robot import Coulomb
@@ -42,8 +42,9 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
         logs: the prepared logs that it was made from.
     """
     names, usual = stack.names, stack.base.robot.usual_coulomb
-    numbers = range(len(stack.joints))
-    columns = {j: names.index(f"fc{j + 1}") for j in numbers if f"fc{j + 1}" in names}
+    columns = {
+        j: names.index(f"fc{j + 1}") for j in range(len(stack.joints)) if f"fc{j + 1}" in names
+    }
     if not columns:
         return stack
 
@@ -65,7 +66,8 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
     rows, S = joined(parts), np.concatenate(of_rows)
     velocity, interval = list(usual.velocity), list(zip(*widths[[0, -1]], strict=True))
     for j, column in columns.items():
-        good, others = rows.use[:, [j]], rows.seen[j] & (np.arange(rows.size) != column)
+        others = rows.W[:, j].any(axis=0) & (np.arange(rows.size) != column)
+        good = rows.use[:, [j]]
         targets = np.column_stack([rows.tau[:, j], S[:, j]])
         logs_of_width = _width(good * rows.W[:, j, others], good * targets)
         low, mean, high = usual.velocity[j] * np.exp(logs_of_width)
@@ -80,7 +82,7 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
         pairs = zip(log.segments, signs([step], k), strict=True)
         segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
         logs_then.append(with_effects(replace(log, segments=segments), base.model))
-    return stack_with_settled_effects(logs_then, base)
+    return settled(replace(stack, base=base).restacked(logs_then))
 
 
 def _width(others: Floats, targets: Floats) -> Floats:

@@ -316,15 +316,20 @@ def hac_covariance(
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
     """
     residual = rows.residual(theta)
-    limit = tuning.HUBER * noise if robust else np.full(len(noise), np.inf)
-    bounded, Z = np.clip(residual, -limit, limit) / noise**2, rows.instruments
-    scores = np.einsum("mjp,mj->mp", Z, bounded)
-    series = [scores[run] for run in rows.runs]
+    limit = noise * (tuning.HUBER if robust else np.inf)
     if bread is None:
         weight = (rows.use & (np.abs(residual) <= limit)) / noise**2
-        sensitivity = np.tensordot(Z * weight[:, :, None], rows.W, axes=((0, 1), (0, 1)))
+        of_joints = (x.swapaxes(0, 1) for x in (rows.instruments, rows.W))
+        # Why joint by joint: products of all rows at once take the memory of several regressors.
+        sensitivity = sum((Z.T * w) @ W for Z, W, w in zip(*of_joints, weight.T, strict=True))
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
+    return coloured(rows, rows.scores(np.clip(residual, -limit, limit) / noise**2), bread)
+
+
+def coloured(rows: Rows, scores: Floats, bread: Floats) -> Floats:
+    """Return the covariance of an estimate from the scores of its rows, (M, p), and how it follows them, (p, p)."""
+    series = [scores[run] for run in rows.runs]
     # Why by a root: of parameters that the log hardly tells the product of three would be no covariance, by rounding.
     spread = bread @ symmetric_root(long_run_variance(series, automatic_lags(series)))
     return spread @ spread.T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations_with_replacement
 from typing import TypeAlias
 
 import numpy as np
@@ -37,11 +38,9 @@ def noise_floor(
         The rms of the noise after the filter that the torques get, (n,) [N m or N]; the seconds of repeated motion that
         it comes from, 0 where it is a lower bound.
     """
-    if not stack.logs:
-        return None
     chosen = stack.logs[0].filter
     parts = list(_parts(stack, theta, error))
-    pairs = [(one, other) for a, one in enumerate(parts) for other in parts[a:]]
+    pairs = combinations_with_replacement(parts, 2)
     differences = [each for pair in pairs for each in _difference(*pair, chosen)]
     seconds = sum(len(residual) for residual, _ in differences) / chosen.kept_rate
     if seconds >= tuning.SHORTEST_REPEAT_S:
@@ -52,14 +51,13 @@ def noise_floor(
 
 def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Part]:
     """Yield the parts of the logs without gaps, no more than a few minutes of each: these say what hours do."""
-    rows, begin = stack.rows, np.full(len(stack.logs), np.inf)
-    np.minimum.at(begin, rows.log, rows.t)
-    early = rows.t <= begin[rows.log] + tuning.NOISE_SECONDS
-    left = residuals(stack, theta, error)[early]
-    q = stack.along(lambda log: at_rows(log, lambda part: part.q.T))[early]
-    rows = rows.take(early)
-    for run in rows.runs:
-        yield q[run], left[run], rows.use[run]
+    rows = stack.rows
+    end = rows.t[np.searchsorted(rows.log, rows.log)] + tuning.NOISE_SECONDS
+    early = stack.take(rows.t <= end)
+    left = residuals(early, theta, error)
+    q = early.along(lambda log, t: at_rows(log, lambda part: part.q.T, t))
+    for run in early.rows.runs:
+        yield q[run], left[run], early.rows.use[run]
 
 
 def _difference(one: Part, other: Part, chosen: Filter) -> Iterator[tuple[Floats, Mask]]:

@@ -128,7 +128,7 @@ class LoadProblem:
         """Return the problem of two results."""
         whiten, noise, stack = information_of(loaded)[1], loaded.noise, loaded.stack
         residual, k = unloaded.model_error, 0
-        if residual is not None and stack is not None and stack.logs and stack.earlier is None:
+        if residual is not None and stack is not None and stack.earlier is None:
             rows = residual.factors(stack, noise, loaded.fit.robust) / whiten[:, None, None]
             k = residual.k
         else:

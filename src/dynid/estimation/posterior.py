@@ -96,7 +96,7 @@ def physical_posterior(
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
-    base, has_rows = stack.base, stack.logs and stack.earlier is None
+    base, has_rows = stack.base, stack.earlier is None
     K, error, noise, worth = base.reduction.K, None, estimate.noise, estimate.inflation
     A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
     arm = arm_of(base, np.column_stack([A, A @ estimate.theta]))

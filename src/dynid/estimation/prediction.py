@@ -97,8 +97,8 @@ def _raw(segment: Segment, chosen: Filter) -> tuple[Floats, ...]:
 
 def concatenated(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
     """Return motions one after the other as one, times as they are."""
-    names = [field.name for field in fields(EstimatedMotion)]
-    return EstimatedMotion(**{x: np.concatenate([getattr(m, x) for m in motions]) for x in names})
+    names = vars(motions[0])
+    return EstimatedMotion(**{x: np.concatenate([vars(m)[x] for m in motions]) for x in names})
 
 
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:

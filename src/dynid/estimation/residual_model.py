@@ -79,15 +79,17 @@ def shapes_of(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
     return np.stack([*waves, *friction, sign], axis=1).transpose(2, 0, 1)
 
 
-def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
-    """Return the columns of ``shapes_of`` at the rows of a log and under their filter, (M, n, k)."""
+def shapes_in(
+    log: ConditionedLog, observer: Observer, speed: Floats, t: Floats | None = None
+) -> Floats:
+    """Return the columns of ``shapes_of`` under the filter of the rows of a log, at those of times t, (M, n, k)."""
 
     def shapes(part: Segment) -> Floats:
         sign = part.coulomb_sign if part.coulomb_sign.size else observer.coulomb_sign(part.qd)
         columns = shapes_of(part.q, part.qd, sign, speed)
         return columns.transpose(1, 2, 0).reshape(-1, len(part))
 
-    return at_rows(log, shapes).reshape(-1, len(speed), len(GROUPS))
+    return at_rows(log, shapes, t).reshape(-1, len(speed), len(GROUPS))
 
 
 def _loaded(shapes: Floats, torque: Floats) -> Floats:
@@ -97,11 +99,10 @@ def _loaded(shapes: Floats, torque: Floats) -> Floats:
     return D
 
 
-def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
+def _rms_speed(logs: Iterable[ConditionedLog]) -> Floats:
     """Return the rms speed of each joint, never quite zero, (n,) [rad/s or m/s]."""
-    qd = np.concatenate([np.zeros((1, n)), *(part.qd for log in logs for part in log.segments)])
-    rms = np.sqrt(np.sum(qd**2, axis=0) / max(1, len(qd) - 1))
-    return np.maximum(rms, 1e-3)
+    qd = np.concatenate([part.qd for log in logs for part in log.segments])
+    return np.maximum(np.sqrt(np.mean(qd**2, axis=0)), 1e-3)
 
 
 @dataclass(frozen=True)
@@ -147,9 +148,9 @@ class Columns:
         if robust is not None:
             left = np.abs(rows.tau - rows.torque(robust)) / noise
             weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
-        shapes = stack.along(lambda log: shapes_in(log, stack.observer, self.speed))
+        shapes = stack.along(lambda log, t: shapes_in(log, stack.observer, self.speed, t))
         D = _loaded(shapes, rows.torque(self.reference))
-        return self.changed(replace(rows, W=np.concatenate([D, rows.W], axis=2)).factors(weight))
+        return self.changed(rows.factors(weight, D))
 
     def changed(self, factors: Floats) -> Floats:
         """Return factors of [Z W tau] from those of [D W tau]: Z is linear in D and W."""
@@ -238,7 +239,7 @@ def residuals(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     left = stack.rows.tau - stack.rows.torque(theta)
     if error is None:
         return left
-    shapes = stack.along(lambda log: shapes_in(log, stack.observer, error.speed))
+    shapes = stack.along(lambda log, t: shapes_in(log, stack.observer, error.speed, t))
     return left - error.torque(stack.rows.W, shapes)
 
 
@@ -288,7 +289,7 @@ class JointRows:
         """
         n, k, noise = len(stack.joints), len(GROUPS), estimate.noise
         none = np.zeros((n, len(reference), k))
-        columns = Columns(_rms_speed(stack.logs, n), reference, np.ones((n, k)), none)
+        columns = Columns(_rms_speed(stack.logs), reference, np.ones((n, k)), none)
         factors = columns.factors(stack, noise, estimate.robust)
         counts = np.maximum(stack.counts, 1)
         scale = np.linalg.norm(factors[:, :, :k], axis=1) / np.sqrt(counts)[:, None]

@@ -14,12 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation import tuning
@@ -35,6 +33,8 @@ ARRAYS = ("W", "tau", "use", "t", "log", "block", "begins")
 @dataclass(frozen=True)
 class Rows:
     """Rows in order of time: M instants of one log after the other, n joints, p columns.
+
+    W has its columns one after the other. Many are not those of many joints: zeros that nobody wrote take no memory.
 
     Attributes:
         W: base regressor after the parallel filter, (M, n, p) [N m or N per unit of each parameter].
@@ -70,11 +70,6 @@ class Rows:
         """Number of columns p."""
         return int(self.W.shape[2])
 
-    @cached_property
-    def seen(self) -> Mask:
-        """Columns that the rows of a joint have at all, (n, p): the links before it do not load it."""
-        return np.asarray(self.W.any(axis=0))
-
     @property
     def runs(self) -> list[slice]:
         """The runs of rows without gaps."""
@@ -88,35 +83,43 @@ class Rows:
 
     def torque(self, theta: Floats) -> Floats:
         """Return W theta of parameters (p,), (M, n) [N m or N]."""
-        return self.W @ theta
+        return np.array([of_joint @ theta for of_joint in self.W.swapaxes(0, 1)]).T
 
     def residual(self, theta: Floats) -> Floats:
         """Return tau - W theta, (M, n) [N m or N]; zero where rows do not count."""
         return np.where(self.use, self.tau - self.torque(theta), 0.0)
+
+    def scores(self, residual: Floats) -> Floats:
+        """Return Z^T r of each instant, (M, p), for weighted residuals r, (M, n)."""
+        return np.einsum("pjm,jm->pm", self.instruments.T, residual.T).T
 
     def take(self, chosen: Mask) -> Rows:
         """Return some of the rows, (M,); views of them where they follow each other."""
         k = np.flatnonzero(chosen)
         follow = len(k) and k[-1] - k[0] == len(k) - 1
         at = slice(int(k[0]), int(k[-1]) + 1) if follow else k
-        taken = replace(self, **{name: getattr(self, name)[at] for name in ARRAYS})
-        begins = taken.begins | (np.diff(k, prepend=-2) != 1)
-        return replace(taken, begins=begins, Z=None if self.Z is None else self.Z[at])
+        arrays: dict[str, Any] = {name: getattr(self, name).T[..., at].T for name in ARRAYS}
+        taken = replace(self, **arrays)
+        return replace(taken, begins=taken.begins | (np.diff(k, prepend=-2) != 1))
 
-    def factors(self, weight: Floats | None = None) -> Floats:
-        """Return the triangular factor of [W tau] of each joint, (n, p + 1, p + 1) [N m or N].
+    def factors(self, weight: Floats | None = None, *more: Floats) -> Floats:
+        """Return the triangular factor of [more W tau] of each joint, (n, k + p + 1, k + p + 1) [N m or N].
 
         Args:
             weight: factor on each row, (M, n); None for ones.
+            more: further columns, (M, n, k).
         """
-        factors = np.zeros((len(self.seen), self.size + 1, self.size + 1))
-        for j, (use, seen) in enumerate(zip(self.use.T, self.seen, strict=True)):
-            rows = np.column_stack([self.W[:, j][np.ix_(use, seen)], self.tau[use, j]])
+        blocks = *more, self.W, self.tau[:, :, None]
+        factors = []
+        for j, use in enumerate(self.use.T):
+            columns = np.vstack([x[:, j].T for x in blocks])
+            place = np.flatnonzero(columns.any(axis=1))
+            rows = columns[np.ix_(place, use)].T
             if weight is not None:
                 rows *= weight[use, j, None]
-            place = np.append(np.flatnonzero(seen), self.size)
+            factors.append(np.zeros((len(columns), len(columns))))
             factors[j][np.ix_(place, place)] = triangle(rows)
-        return factors
+        return np.array(factors)
 
     @property
     def counts(self) -> Ints:
@@ -126,12 +129,14 @@ class Rows:
 
 def joined(parts: Sequence[Rows]) -> Rows:
     """Return the rows of several, one after the other; logs as they are numbered, blocks numbered anew."""
+    if len(parts) == 1:
+        return parts[0]
     first = np.cumsum([0, *(each.block.max(initial=-1) + 1 for each in parts[:-1])])
     parts = [replace(each, block=k + each.block) for k, each in zip(first, parts, strict=True)]
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in parts]) for name in ARRAYS
     }
-    return replace(parts[-1], **arrays) if len(parts) > 1 else parts[0]
+    return replace(parts[-1], **arrays)
 
 
 # ---------------------------------------------------------------- evaluation
@@ -144,20 +149,19 @@ def rows_of(log: ConditionedLog, observer: Observer, *, reversals: bool = True) 
         reversals: count rows at velocity reversals, too.
     """
     chosen, counts, t = log.filter, _counts(log), row_times(log)
-    edges = np.cumsum([0, *counts])
-    taps, step = chosen.second_kernel.shape[1], chosen.second_step
-    usable = [sliding_window_view(s.usable, taps, axis=0)[::step].all(axis=2) for s in pieces(log)]
-    use = np.concatenate(usable)
-    for segment, at in zip(log.segments, np.split(np.arange(len(t)), edges[1:-1]), strict=True):
+    edges, together = np.cumsum([0, *counts]), np.ones_like(chosen.second_kernel)
+    lost = [
+        decimate(np.where(part.usable.T, 0.0, 1.0), together, chosen.second_step)[0]
+        for _, part in pieces(log)
+    ]
+    use = np.concatenate(lost, axis=1).T < 0.5
+    for segment, ends in zip(log.segments, pairwise(edges), strict=True):
         if not reversals and segment.coulomb_sign.size:
-            times = reversal_times(segment, chosen.position_cutoff)
+            at, times = slice(*ends), reversal_times(segment, chosen.position_cutoff)
             use[at] &= np.array([_far(t[at], each, chosen.cutoff) for each in times]).T
-    return Rows(
-        W=regressor_of(log, observer),
-        tau=at_rows(log, lambda part: part.tau.T),
+    return replace(
+        Rows.of(regressor_of(log, observer), at_rows(log, lambda part: part.tau.T), t),
         use=use,
-        t=t,
-        log=np.zeros(len(t), dtype=np.int64),
         block=_blocks(counts, chosen),
         begins=np.isin(np.arange(len(t)), edges),
         cutoff=chosen.cutoff,
@@ -175,10 +179,10 @@ def regressor_of(log: ConditionedLog, observer: Observer) -> Floats:
         rigid = observer.entries(part.q, part.qd, part.qdd, sign)
         return np.vstack([rigid, part.effects.T[observer.added_entries]])
 
-    filtered = at_rows(log, entries)
-    W = np.zeros((len(filtered), *observer.shape))
-    W[:, observer.rows, observer.cols] = filtered
-    return W
+    W = np.zeros((*observer.shape, sum(_counts(log))))
+    for at, part in pieces(log):
+        W[observer.rows, observer.cols, at] = parallel_filtered(entries(part), log.filter)
+    return np.moveaxis(W, 2, 0)
 
 
 def on_command(log: ConditionedLog) -> ConditionedLog:
@@ -196,22 +200,35 @@ def on_command(log: ConditionedLog) -> ConditionedLog:
 def row_times(log: ConditionedLog) -> Floats:
     """Return the times of the rows of a log, (M,) [s]."""
     half, step = log.filter.second_kernel.shape[1] // 2, log.filter.second_step
-    return np.concatenate([part.t[half : len(part) - half : step] for part in pieces(log)])
+    return np.concatenate([part.t[half : len(part) - half : step] for _, part in pieces(log)])
 
 
-def at_rows(log: ConditionedLog, made: Callable[[Segment], Floats]) -> Floats:
-    """Return what is made of a motion, (C, N), at the rows of a log under the filter of the torques, (M, C)."""
-    return np.concatenate([parallel_filtered(made(part), log.filter).T for part in pieces(log)])
+def at_rows(
+    log: ConditionedLog, made: Callable[[Segment], Floats], t: Floats | None = None
+) -> Floats:
+    """Return what is made of a motion, (C, N), at the rows of a log under the filter of the torques, (M, C).
+
+    Args:
+        log: the conditioned log.
+        made: what is made of a part of it.
+        t: times of the rows that are wanted, (M,) [s]; None for all.
+    """
+    times = row_times(log)
+    wanted = np.isin(times, times if t is None else t)
+    parts = ((wanted[at], part) for at, part in pieces(log))
+    filtered = [parallel_filtered(made(part), log.filter)[:, k] for k, part in parts if k.any()]
+    return np.concatenate(filtered, axis=1).T
 
 
-def pieces(log: ConditionedLog) -> Iterator[Segment]:
-    """Yield the segments of a log in pieces that are evaluated at once, so that the memory of long logs stays small."""
+def pieces(log: ConditionedLog) -> Iterator[tuple[slice, Segment]]:
+    """Yield which rows come from which piece of a log, of so many samples that the memory of long logs stays small."""
     step, taps = log.filter.second_step, log.filter.second_kernel.shape[1]
-    together = max(1, tuning.ROWS_EVALUATED // step)
+    together, first = max(1, tuning.ROWS_EVALUATED // step), 0
     for segment, count in zip(log.segments, _counts(log), strict=True):
         for start in range(0, count, together):
-            last = min(start + together, count) - 1
-            yield segment[start * step : last * step + taps]
+            end = min(start + together, count)
+            yield slice(first + start, first + end), segment[start * step : (end - 1) * step + taps]
+        first += count
 
 
 def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
@@ -240,13 +257,13 @@ def _blocks(counts: Sequence[int], chosen: Filter) -> Ints:
 
 def _far(t: Floats, times: Floats, cutoff: float) -> Mask:
     """Return which rows are far from all reversals of a joint, (M,)."""
-    ends = np.concatenate([[-np.inf], times, [np.inf]])
+    ends = np.r_[-np.inf, times, np.inf]
     after = np.searchsorted(times, t)
     nearest = np.minimum(t - ends[after], ends[after + 1] - t)
     return nearest >= tuning.REVERSAL / cutoff
 
 
-def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
+def reversal_times(segment: Segment, cutoff: float) -> list[Floats]:
     """Return when each joint reverses, n arrays (k,) [s]; several within a period of the cut-off count as one.
 
     Args:
@@ -261,7 +278,7 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
         if len(times):
             times = np.add.reduceat(times, first) / np.diff(first, append=len(times))
         reversals.append(times)
-    return tuple(reversals)
+    return reversals
 
 
 def robust_noise(rows: Rows, theta: Floats) -> Floats:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Floats, Mask
 from dynid.errors import Finding
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import Fit, hac_covariance, merge, weighted, widened
+from dynid.estimation.least_squares import Fit, coloured, merge, weighted, widened
 from dynid.estimation.rows import (
     Rows,
     joined,
@@ -34,7 +34,7 @@ from dynid.files.artifact import packed, read_artifact, reading, unpacked
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
-from dynid.progress import advance, heard_by, notice, stage
+from dynid.progress import heard_by, notice, stage
 from dynid.signals.conditioned_log import (
     ConditionedLog,
     torques_moved_back,
@@ -47,7 +47,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Stack:
-    """The rows of one or several logs; ``+`` puts the logs of two together.
+    """The rows of one or several logs.
 
     Attributes:
         base: model and base parameters whose columns the rows have.
@@ -60,11 +60,6 @@ class Stack:
     logs: tuple[ConditionedLog, ...]
     rows: Rows = field(repr=False, compare=False)
     earlier: Fit | None = field(default=None, repr=False, compare=False)
-
-    def __add__(self, other: Stack) -> Stack:
-        """Return the stack of the logs of both, which have the same base parameters and cut-off."""
-        moved = replace(other.rows, log=other.rows.log + len(self.logs))
-        return replace(self, logs=self.logs + other.logs, rows=joined([self.rows, moved]))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -110,12 +105,14 @@ class Stack:
 
     def take(self, chosen: Mask) -> Stack:
         """Return some of the rows, (M,), as a stack of their own."""
-        return self if chosen.all() else replace(self, rows=self.rows.take(chosen))
+        return replace(self, rows=self.rows.take(chosen))
 
     @property
     def instrumented(self) -> Rows:
         """The rows with the regressor on the commanded motion as instruments."""
-        made = self.along(lambda log: regressor_of(on_command(log), self.observer))
+        made = self.along(
+            lambda log, t: regressor_of(on_command(log), self.observer)[np.isin(row_times(log), t)]
+        )
         return replace(self.rows, Z=made)
 
     def save(self, path: Path, header: dict[str, Any]) -> None:
@@ -132,15 +129,24 @@ class Stack:
         }
         write_artifact(path, SCHEMA, facts, arrays)
 
-    def along(self, made: Callable[[ConditionedLog], Floats]) -> Floats:
-        """Return at the rows of the stack, (M, ...), what is made of each log at all of its rows."""
-        of_logs = (self.rows.t[self.rows.log == k] for k in range(len(self.logs)))
+    def along(self, made: Callable[[ConditionedLog, Floats], Floats]) -> Floats:
+        """Return what is made of each log at the times of its rows, (M, ...)."""
+        rows = self.rows
         return np.concatenate(
-            [
-                made(log)[np.searchsorted(row_times(log), t)]
-                for log, t in zip(self.logs, of_logs, strict=True)
-            ]
+            [made(self.logs[k], rows.t[rows.log == k]) for k in np.unique(rows.log)]
         )
+
+    def restacked(self, logs: Sequence[ConditionedLog]) -> Stack:
+        """Return the stack of the same motion with other torques, friction signs and effects.
+
+        The columns of the rigid bodies stay, and they are most of the memory: so those beside them are written over in
+        the rows of this stack, which is of no use any more.
+        """
+        columns = self.base.reduction.base
+        own = columns >= len(self.base.model.link_columns)
+        rows = _rows_of_logs(logs, self.base.model.observer(columns[own]))
+        self.rows.W[:, :, own] = rows.W
+        return replace(self, logs=tuple(logs), rows=replace(rows, W=self.rows.W))
 
 
 def load_logs(path: Path) -> tuple[tuple[ConditionedLog, ...], dict[str, Any]]:
@@ -171,38 +177,40 @@ def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
         base: model and base parameters.
     """
     stage("stack")
-    parts = []
-    for k, log in enumerate(logs):
-        rows = rows_of(log, base.observer, reversals=False)
-        parts.append(replace(rows, log=rows.log + k))
-        advance(k + 1.0, len(logs), log.name)
-    stacked = Stack(base, tuple(logs), joined(parts))
+    stacked = Stack(base, tuple(logs), _rows_of_logs(logs, base.observer))
     size = f"{int(stacked.rows.use.sum())} x {len(stacked.names)}"
     stage("stacked", f"{stacked.samples} samples x {len(stacked.joints)} joints -> W {size}")
     return stacked
 
 
+def _rows_of_logs(logs: Sequence[ConditionedLog], observer: Observer) -> Rows:
+    """Return the rows of logs, without those at velocity reversals."""
+    parts = (rows_of(log, observer, reversals=False) for log in logs)
+    return joined([replace(rows, log=rows.log + k) for k, rows in enumerate(parts)])
+
+
 # ---------------------------------------------------------------- effects that scale with what is identified
-def with_settled_effects(logs: Sequence[ConditionedLog], base: BaseModel) -> list[ConditionedLog]:
-    """Return logs whose columns that scale with the model fit the parameters that are identified from them.
+def settled(stack: Stack) -> Stack:
+    """Return a stack whose columns that scale with the model fit the parameters that are identified from them.
 
     Such columns, of load-dependent friction for example, are made with the last estimate, and the fit is repeated; the
     result is then its own reference.
-
-    Args:
-        logs: conditioned logs.
-        base: model and base parameters.
     """
-    settled_logs = list(logs)
+    base = stack.base
     for _ in range(tuning.SCALED_ROUNDS if scale_with_model(base) else 0):
-        settled_logs = scaled(settled_logs, base, stack_logs(settled_logs, base).first_fit.theta)
-    return settled_logs
+        stack = stack.restacked(scaled(stack.logs, base, stack.first_fit.theta))
+    return stack
 
 
 @heard_by()
 def stack_with_settled_effects(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
-    """Return settled logs stacked again, of which nothing is said."""
-    return stack_logs(with_settled_effects(logs, base), base)
+    """Return logs stacked and settled, of which nothing is said."""
+    return settled(stack_logs(logs, base))
+
+
+def with_settled_effects(logs: Sequence[ConditionedLog], base: BaseModel) -> list[ConditionedLog]:
+    """Return logs whose columns that scale with the model fit the parameters that are identified from them."""
+    return [*stack_with_settled_effects(logs, base).logs]
 
 
 def scale_with_model(base: BaseModel) -> bool:
@@ -221,15 +229,6 @@ def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> li
 REACH = 2
 
 
-def is_clear(delay: float, std_error: float, reach: float) -> bool:
-    """Return whether a delay of torques is large enough and certain enough to be corrected [s].
-
-    Beyond ``reach``, the time between two rows [s], a slope is no shift any more, and its error is not to be trusted.
-    """
-    least = max(tuning.DELAY_LEAST_S, tuning.DELAY_CLEAR_ERRORS * std_error)
-    return least < abs(delay) < reach
-
-
 def estimate_delay(stack: Stack) -> tuple[float, float]:
     """Return the delay that all joints share, positive when the torques are late, and its standard error [s].
 
@@ -246,12 +245,15 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     # Why a basis: directions that the log leaves open would have no covariance.
     basis = Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]].T / length[:, None]
     tau = rows.torque(fit.theta)
-    slope = np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
-    rows = replace(rows, W=np.concatenate([rows.W @ basis, -slope[:, :, None]], axis=2))
-    extended = weighted(rows.factors(), rows.counts)
-    covariance = hac_covariance(rows, extended.theta, extended.noise, bread=extended.covariance)
+    later = -np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
+    of_delay, of_arm, right = np.split(rows.factors(None, later[:, :, None]), [1, -1], axis=2)
+    extended = weighted(np.concatenate([of_arm @ basis, of_delay, right], axis=2), rows.counts)
+    *arm, delay = extended.theta
+    left = replace(rows, tau=rows.tau - delay * later).residual(basis @ arm) / extended.noise**2
+    scores = np.vstack([basis.T @ rows.scores(left).T, np.sum(later * left, axis=1)]).T
+    covariance = coloured(rows, scores, extended.covariance)
     variance = widened(rows, extended, covariance)[-1, -1]
-    return float(extended.theta[-1]), float(np.sqrt(variance))
+    return float(delay), float(np.sqrt(variance))
 
 
 def _slope(t: Floats, tau: Floats) -> Floats:
@@ -273,13 +275,15 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
     Returns:
         The stack, in whose logs stands by how much they were moved; the delay with its error [s]; the findings.
     """
-    base, logs = stack.base, stack.logs
+    logs = stack.logs
     reach = 1.0 / logs[0].filter.kept_rate
     (delay, std_error), applied = estimate_delay(stack), 0.0
-    for _ in range(tuning.DELAY_ROUNDS if is_clear(delay, std_error, reach) else 0):
+    # Why not beyond: there a slope is no shift any more, and its error is not to be trusted.
+    clear = max(tuning.DELAY_LEAST_S, tuning.DELAY_CLEAR_ERRORS * std_error) < abs(delay) < reach
+    for _ in range(tuning.DELAY_ROUNDS if clear else 0):
         applied = delay
-        stack = stack_with_settled_effects(
-            [torques_moved_back(log, base.model, applied) for log in logs], base
+        stack = settled(
+            stack.restacked([torques_moved_back(log, stack.base.model, applied) for log in logs])
         )
         left, std_error = estimate_delay(stack)
         delay = applied + left

@@ -135,8 +135,9 @@ def read_npz_log(path: Path) -> Log:
     effort = units.get("effort")
     log = Log(
         t=arrays[t],
-        q=arrays[q],
-        tau=arrays[tau],
+        # Why: what is done with a log, joint by joint, takes half the time where the samples of each stand together.
+        q=np.asfortranarray(arrays[q]),
+        tau=np.asfortranarray(arrays[tau]),
         names=names,
         qd=arrays.get("qd"),
         source=path,

@@ -93,11 +93,11 @@ def prepare(
         few = check_amount([log], robot) if identify else ()
         return with_findings(log, *(finding for finding in few if finding not in log.findings))
     with located(log.topic):
-        named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
+        named = tuple(log.names[k] for k in matching_columns(log, robot)) if log.names else ()
         in_dh = log.dh
         log = _usable_velocity(robot_columns(log, robot), robot)
         gone = np.asarray(np.isnan(log.tau).all(axis=0))
-        if not gone.all():
+        if gone.any() and not gone.all():
             log = replace(log, tau=np.where(gone, 0.0, log.tau))
         log = with_rising_time(log, sort_time=sort_time)
         check_finite(log, robot)
@@ -201,26 +201,27 @@ def check_degrees(log: Log, robot: Robot) -> None:
     """
     if units(log, robot)["position"] != "rad":
         return
-    given, other = (to_dh(replace(log, q=q), robot) for q in (log.q, np.radians(log.q)))
-    # Why the percentile: it is a speed that one of twenty samples exceeds.
-    fast, slow = (np.percentile(np.abs(speed(each)), 95, axis=0) for each in (given, other))
+    given = to_dh(log, robot)
+    v = speed(given)
     for j, joint in enumerate(robot.joints):
         limits, fits, text = joint.limits, False, ""
         if not joint.revolute:
             continue
         if limits.position is not None:
             low, high = limits.position
-            slack, q = 0.05 * (high - low), other.q[:, j]
-            beyond_range = _span(given.q[:, j]) > tuning.BEYOND_RANGE * (high - low)
-            fits = beyond_range and q.min() > low - slack and q.max() < high + slack
+            slack = 0.05 * (high - low)
+            if _span(given.q[:, j]) > tuning.BEYOND_RANGE * (high - low):
+                q = to_dh(replace(log, q=np.radians(log.q)), robot).q[:, j]
+                fits = q.min() > low - slack and q.max() < high + slack
             around = f"+-{high:.2f}" if np.isclose(-low, high) else f"{low:.2f} to {high:.2f}"
             text = f"limits are {around} rad"
         if not fits and limits.velocity is not None:
-            fits = fast[j] > tuning.BEYOND_SPEED * limits.velocity and slow[j] <= limits.velocity
+            # Why the percentile: it is a speed that one of twenty samples exceeds.
+            fast = np.percentile(np.abs(v[:, j]), 95)
+            fits = np.radians(fast) <= limits.velocity < fast / tuning.BEYOND_SPEED
             text = f"the speed limit is {limits.velocity:.2f} rad/s"
         if fits:
             declared = {"position": "deg"}
-            v = speed(given)
             if (
                 given.qd is not None
                 and 0.5 < np.sum(given.qd * v) / max(np.sum(v * v), 1e-12) < 1.5
@@ -251,25 +252,27 @@ def unit_fix(robot: Robot, given: dict[str, str]) -> str:
 
 def unwrapped(log: Log, robot: Robot) -> Log:
     """Return the log without jumps by full turns (W315)."""
-    q, findings = log.q.copy(), list[Finding]()
+    columns, findings = [*log.q.T], list[Finding]()
     for j in (j for j, joint in enumerate(robot.joints) if joint.revolute):
         turns = _full_turns(log.q[:, j])
         where = np.flatnonzero(turns)
         if not len(where):
             continue
-        q[:, j] -= 2 * np.pi * np.cumsum(turns)
+        columns[j] = columns[j] - 2 * np.pi * np.cumsum(turns)
         name, row = robot.joint_names[j], int(where[0])
         more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
         at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
         text = f"{name} jumps by {step:.2f} rad at {at:.2f} s{more}; unwrapped"
         evidence = {"joint": name, "at_s": log.t[where].tolist()}
         findings.append(Finding("W315", "warning", text, evidence))
-    return with_findings(replace(log, q=q), *findings)
+    return with_findings(replace(log, q=np.array(columns).T), *findings) if findings else log
 
 
 def _full_turns(q: Floats) -> Floats:
     """Return by how many full turns a joint jumps to each sample, (N,)."""
     step = np.diff(q, prepend=q[0])
+    if np.abs(step).max() < np.pi:
+        return np.zeros_like(step)
     turns = np.round(step / (2 * np.pi))
     return np.where(np.abs(step - 2 * np.pi * turns) > tuning.TURN_REST, 0.0, turns)
 
@@ -296,14 +299,14 @@ def check_torque_scale(log: Log, robot: Robot, gone: Mask) -> None:
         )
     if in_amperes(log, robot) and log.tau_unit == "A":
         return
-    # Why: a lone spike is a bad sample, not another unit.
-    high = np.percentile(np.abs(log.tau), 99, axis=0)
     for j, joint in enumerate(robot.joints):
         rating = joint.limits.torque
-        if rating is None or high[j] <= tuning.BEYOND_RATING * rating:
+        # Why: a lone spike is a bad sample, not another unit.
+        high = np.percentile(np.abs(log.tau[:, j]), 99)
+        if rating is None or high <= tuning.BEYOND_RATING * rating:
             continue
         guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
-        if high[j] / 1000 > tuning.BEYOND_RATING * rating:
+        if high / 1000 > tuning.BEYOND_RATING * rating:
             guess = "raw counts"
             fix = "find out what the driver publishes; give the gain under `torque:`"
         top = f"{largest[j]:,.0f}".replace(",", " ")

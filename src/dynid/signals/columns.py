@@ -21,8 +21,8 @@ from dynid.signals import tuning
 from dynid.text import yaml_word
 
 
-def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
-    """Return the column of each joint of the robot, and the names of the columns that are left over.
+def matching_columns(log: Log, robot: Robot) -> list[int]:
+    """Return the column of each joint of the robot.
 
     Raises:
         JointCountDiffers: the log has fewer columns than the robot has joints.
@@ -33,12 +33,10 @@ def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
             raise JointCountDiffers(
                 f"{log.name} has {log.n} joints, {robot.name} has {robot.n}", where=log.name
             )
-        return list(range(robot.n)), []
+        return list(range(robot.n))
     for names in (robot.log_names, robot.joint_names):
         if set(names) <= set(log.names):
-            return [log.names.index(name) for name in names], [
-                name for name in log.names if name not in names
-            ]
+            return [log.names.index(name) for name in names]
     raise _differ(log, robot)
 
 
@@ -98,8 +96,8 @@ def in_amperes(log: Log, robot: Robot) -> bool:
 
 def robot_columns(log: Log, robot: Robot) -> Log:
     """Return the log with the robot's columns only, in chain order, still in the driver's quantities."""
-    columns, _ = matching_columns(log, robot)
-    if list(columns) == list(range(log.n)):
+    columns = matching_columns(log, robot)
+    if columns == list(range(log.n)):
         return replace(log, names=robot.joint_names)
     return log.with_columns(
         {key: x[:, columns] for key, x in log.columns.items()}, names=robot.joint_names
@@ -175,6 +173,4 @@ def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
 
 def take_samples(log: Log, keep: NDArray[np.intp] | slice) -> Log:
     """Return the log with some of its rows, in the given order."""
-    extra = {key: value[keep] if key in COLUMNS else value for key, value in log.extra.items()}
-    qd = None if log.qd is None else log.qd[keep]
-    return replace(log, t=log.t[keep], q=log.q[keep], tau=log.tau[keep], qd=qd, extra=extra)
+    return log.with_columns({key: x.T[:, keep].T for key, x in log.columns.items()}, t=log.t[keep])

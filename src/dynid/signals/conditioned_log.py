@@ -101,7 +101,7 @@ def condition(log: Log, chosen: Filter) -> list[Segment]:
 
     def filtered(x: NDArray[Any], weights: Floats) -> Floats:
         """Return a signal under kernels, (K, M, n)."""
-        return np.ascontiguousarray(decimate(x.T, weights, step).transpose(0, 2, 1))
+        return decimate(x.T, weights, step).transpose(0, 2, 1)
 
     for part in _parts(log, chosen):
         q, qd, qdd = filtered(part.q, kernels)
@@ -205,7 +205,7 @@ def signs_of_shapes(
             # Why one by one: the signs of all shapes take many times the memory of the log.
             each = (coulomb_sign(v, shape, j)[None] for shape in shapes)
             signs.append([decimate(sign, kernels, step)[0, 0] for sign in each])
-        found.append(np.ascontiguousarray(np.array(signs).transpose(2, 0, 1)))
+        found.append(np.array(signs).transpose(2, 0, 1))
     return found
 
 
@@ -455,11 +455,8 @@ def with_effects(
     if not model.added:
         return log
     reference = reference or ModelTorques(model, prior_vector(model))
-    motions = [arm_motion(segment, log.filter, model, reference) for segment in log.segments]
-    segments = [
-        replace(s, effects=model.added_entries(c).T)
-        for s, c in zip(log.segments, motions, strict=True)
-    ]
+    motions = ((s, arm_motion(s, log.filter, model, reference)) for s in log.segments)
+    segments = [replace(s, effects=model.added_entries(motion).T) for s, motion in motions]
     return replace(log, segments=segments)
 
 

@@ -102,7 +102,7 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate
     ):
         return log, ()
-    tau = np.column_stack([_without_spikes(x) for x in log.tau.T])
+    tau = np.array([_without_spikes(x) for x in log.tau.T]).T
     count = np.sum(tau != log.tau, axis=0).tolist()
     if not any(count):
         return log, ()
@@ -113,6 +113,9 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
 
 def _without_spikes(x: Floats) -> Floats:
     """Return a torque, (N,), with the median of their neighbours for spikes; those of many are none."""
+    # Why: no sample is further from the median around it than from all of its neighbours.
+    if tuning.SPIKE_REACH * np.abs(np.diff(x)).max() <= tuning.SPIKE_OF_RANGE * np.ptp(x):
+        return x
     padded = np.pad(x, tuning.SPIKE_REACH, mode="edge")
     medians = np.median(sliding_window_view(padded, 2 * tuning.SPIKE_REACH + 1), axis=1)
     away = np.abs(x - medians)

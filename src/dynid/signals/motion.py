@@ -22,9 +22,11 @@ def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
 
 def speed(log: Log) -> Floats:
     """Return the change of position over a short window, (N, n) [rad/s or m/s]; needs increasing time."""
-    half, rows = max(1, round(tuning.SPEED_WINDOW_S * log.rate)), np.arange(len(log))
-    back, ahead = np.maximum(rows - half, 0), np.minimum(rows + half, len(log) - 1)
-    return (log.q[ahead] - log.q[back]) / (log.t[ahead] - log.t[back])[:, None]
+    half = max(1, round(tuning.SPEED_WINDOW_S * log.rate))
+    q, t = (np.pad(x, ((half, half), (0, 0)), "edge") for x in (log.q, log.t[:, None]))
+    rise = q[2 * half :] - q[: -2 * half]
+    rise /= t[2 * half :] - t[: -2 * half]
+    return rise
 
 
 def moving(log: Log, robot: Robot) -> Mask:
@@ -59,13 +61,12 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
 
 def bandwidth(log: Log, robot: Robot) -> float:
     """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
-    v = speed(log)
-    v = v[:, np.any(np.abs(v) > per_joint(tuning.MOVING_SPEED, robot), axis=0)]
-    last, window = 0, np.hanning(len(v))
-    for x in v.T:
-        power = np.cumsum(np.abs(np.fft.rfft(x * window)) ** 2)
-        last = max(last, int(np.sum(power < tuning.POWER_SHARE * power[-1])))
-    return last * log.rate / len(v)
+    last, window = 0, np.hanning(len(log))
+    for v, slow in zip(speed(log).T, per_joint(tuning.MOVING_SPEED, robot), strict=True):
+        if np.any(np.abs(v) > slow):
+            power = np.cumsum(np.abs(np.fft.rfft(v * window)) ** 2)
+            last = max(last, int(np.sum(power < tuning.POWER_SHARE * power[-1])))
+    return last * log.rate / len(log)
 
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:

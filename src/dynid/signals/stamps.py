@@ -6,7 +6,6 @@ make every interval too narrow, and a held position is a velocity of zero follow
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -132,10 +131,9 @@ def with_even_clock(log: Log) -> Log:
 
 def _bend(t: Floats, q: Floats, close: Mask) -> Floats:
     """Return the mean square distance of samples from the line between their neighbours, (n,)."""
-    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    away = q[1:-1] - q[:-2]
-    away -= share * (q[2:] - q[:-2])
-    return np.einsum("i,ij,ij->j", close, away, away) / max(1, int(close.sum()))
+    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    away = (x[1:-1] - x[:-2] - share * (x[2:] - x[:-2]) for x in q.T)
+    return np.array([np.sum(x**2, where=close) for x in away]) / max(1, close.sum())
 
 
 def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
@@ -238,10 +236,12 @@ def without_stale(log: Log, robot: Robot) -> Log:
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:
     """Return logs without those whose positions and torques are all those of an earlier one (W326)."""
-    kept, findings = dict[bytes, Log](), list[Finding]()
+    kept, findings = list[Log](), list[Finding]()
     for number, log in enumerate(logs, start=1):
-        content = hashlib.sha256(log.q.tobytes() + log.tau.tobytes()).digest()
-        if kept.setdefault(content, log) is not log:
-            text = f"log {number}, {log.name}, holds the samples of {kept[content].name}: it is left out"
+        same = (x for x in kept if np.array_equal(x.q, log.q) and np.array_equal(x.tau, log.tau))
+        if first := next(same, None):
+            text = f"log {number}, {log.name}, holds the samples of {first.name}: it is left out"
             findings.append(Finding("W326", "warning", text, {"log": number}))
-    return list(kept.values()), tuple(findings)
+        else:
+            kept.append(log)
+    return kept, tuple(findings)

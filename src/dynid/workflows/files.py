@@ -224,7 +224,8 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
     raw = read_log(path, robot, options)
     log = checked_log(raw, robot, options)
     log = replace(log, findings=(*log.findings, *diagnose_logs([log], robot, options)))
-    numbers, (columns, ignored) = describe(log, robot), matching_columns(raw, robot)
+    numbers, columns = describe(log, robot), matching_columns(raw, robot)
+    ignored = [name for k, name in enumerate(raw.names) if k not in columns]
     matched = f"taken in the order of the robot file: {', '.join(robot.log_names)}"
     if raw.names:
         left = f"; ignored: {', '.join(ignored)}" if ignored else ""

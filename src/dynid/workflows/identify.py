@@ -24,7 +24,7 @@ from dynid.estimation.estimate import (
     estimate,
     last_motion,
     last_share,
-    stack_of_result,
+    updated,
 )
 from dynid.estimation.noise_floor import noise_floor
 from dynid.estimation.payload import IdentifiedPayload
@@ -36,7 +36,6 @@ from dynid.loading import (
     ResultLike,
     RobotLike,
     as_log,
-    as_logs,
     as_result,
     as_robot,
     checked_log,
@@ -111,8 +110,8 @@ def resolved(
                 raise WrongUsage(f"{name}: there is no link {link}", fix=fix)
     known = Known(
         options.total_mass or robot.known.total_mass,
-        tuple({**dict(robot.known.link_mass), **dict(options.link_mass)}.items()),
-        tuple({**dict(robot.known.com_box), **dict(options.com_box)}.items()),
+        tuple((dict(robot.known.link_mass) | dict(options.link_mass)).items()),
+        tuple((dict(robot.known.com_box) | dict(options.com_box)).items()),
     )
     prior = options.prior if isinstance(options.prior, Prior) else robot.prior
     return replace(robot, prior=prior, known=known), options
@@ -166,17 +165,15 @@ def identify(
     if robot.torque.relative and options.feasible is None:
         # Why: a prior in kg cannot be put beside parameters whose size is unknown.
         options = replace(options, feasible=False)
-    if isinstance(logs, Observations):
-        seen = logs
-    else:
-        recordings = as_logs(logs, robot, options)
-        seen = observe(robot, recordings, options, base=base, drop_weak=options.drop_weak)
+    seen = logs
+    if not isinstance(seen, Observations):
+        seen = observe(robot, seen, options, base=base, drop_weak=options.drop_weak)
     robot = replace(robot, estimated_coulomb=seen.base.robot.estimated_coulomb)
     base = replace(seen.base, model=replace(seen.base.model, robot=robot))
     stack, header = replace(seen.stack, base=base), seen.header()
     if update is not None:
         header |= _both_logs(header, update, options)
-        stack = stack_of_result(update, stack.base) + stack
+        stack = updated(stack, update)
     holdout = _held_out(seen, stack, options)
     try:
         result = estimate(
@@ -242,8 +239,8 @@ def _held_out(seen: Observations, stack: Stack, options: IdentifyOptions) -> Hol
         return last_share(stack, kept)
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     log = as_log(kept, base.robot, same, "holdout")
-    checked = checked_log(log, base.robot, same, identify=False)
-    conditioned = condition_logs([checked], base.model, same)
+    checked = [checked_log(log, base.robot, same, identify=False)]
+    conditioned = condition_logs(checked, base.model, same)
     test = stack_logs(scaled(conditioned, base, stack.first_fit.theta), base)
     return stack, test, str(log.source or "log")
 
@@ -267,9 +264,8 @@ def find_payload(loaded: ResultLike, unloaded: ResultLike) -> IdentifiedPayload:
 
 def _diagnosed(seen: Observations, robot: Robot, options: LogOptions) -> tuple[Finding, ...]:
     """Ask whether the robot file is wrong, by checked logs or what is still there of stored ones."""
-    paths = [Path(log.path) for log in seen.stack.logs if log.path]
-    there = [path for path in paths if path.exists()]
-    logs = seen.checked or [load_log(path, robot, options, identify=False) for path in there]
+    paths = [Path(log.path) for log in seen.stack.logs if log.path and Path(log.path).exists()]
+    logs = seen.checked or [load_log(path, robot, options, identify=False) for path in paths]
     return diagnose_logs(logs, robot, options)
 
 

@@ -23,10 +23,8 @@ from dynid.estimation.stack import (
     Stack,
     load_logs,
     on_time,
-    scale_with_model,
+    settled,
     stack_logs,
-    stack_with_settled_effects,
-    with_settled_effects,
 )
 from dynid.files.artifact import read_artifact, read_header, reading, unpacked
 from dynid.files.robotfile import robot_text
@@ -192,15 +190,15 @@ def observe(
         base = in_memory(robot)
     base = with_coulomb(base, robot.estimated_coulomb)
     alone = len(several) == 1
-    moving = alone and not drop_weak
-    given = [checked_log(log, base.robot, options, identify=moving) for log in several]
+    given = [
+        checked_log(log, base.robot, options, identify=alone and not drop_weak) for log in several
+    ]
     few = () if alone or drop_weak else check_amount(given, base.robot)
     checked, copies = without_copies(given)
     notice((*few, *copies))
     stack = stack_logs(condition_logs(checked, base.model, options), base)
     noticed = [finding for log in stack.logs for finding in log.findings]
-    if scale_with_model(stack.base):
-        stack = stack_with_settled_effects(stack.logs, stack.base)
+    stack = settled(stack)
     delay: tuple[float, float] | None = None
     late: Sequence[Finding] = ()
     if options.delay is None:
@@ -227,7 +225,7 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
         error = header["delay_std_error_s"]
         delay = None if error is None else (float(header["delay_s"]), error)
         findings = unpacked(tuple[Finding, ...], header["log_findings"], {})
-        stack = stack_logs(with_settled_effects(conditioned, base), base)
+        stack = settled(stack_logs(conditioned, base))
     return Observations(stack, delay, findings)
 
 
