@@ -12,11 +12,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.fft import dct
+from scipy import sparse
+from scipy.fft import dct, next_fast_len
 
 from dynid.arrays import Floats, Ints
 from dynid.gap.gap_rows import GapRows
-from dynid.gap.noise import NoiseModel, RepeatPair, whitened
+from dynid.gap.noise import NoiseModel, RepeatPair
 
 #: Upper end of the lowest band [Hz]; each further one ends an octave higher, the last one at the cut-off.
 LOWEST_HZ, OCTAVES = 0.1, 7
@@ -45,7 +46,8 @@ def instants(rows: GapRows, repeats: Sequence[RepeatPair]) -> tuple[list[int], I
         own = motion[rows.part] == m
         x = phase[own] % period[m] if m in period else phase[own]
         place[own] = x - x.min() + sum(lengths)
-        lengths.append(int(np.ptp(x)) + 1)
+        # Why longer: a transform of a prime number of instants takes five times as long.
+        lengths.append(next_fast_len(int(np.ptp(x)) + 1, real=True))
     return lengths, place
 
 
@@ -119,31 +121,35 @@ class Bands:
         new = 1.0 if always else (use & self.rows.is_new).sum() / max(use.sum(), 1)
         return np.array([new * share[part].sum() for part in self.slices])
 
+    @cached_property
+    def turned(self) -> list[sparse.csr_array]:
+        """What whitens the rows of each joint and turns them into means and differences, (times of instants, M)."""
+        M, noise = len(self.rows), self.noise
+        turned = []
+        for j, ar in enumerate(noise.ar):
+            use = noise.counting(self.rows, j).astype(float)
+            mean = sparse.csr_array((sum(self.lengths), M))
+            count, parts = np.zeros(sum(self.lengths)), []
+            for time in self.times:
+                one = sparse.csr_array((use[time], (self.place[time], time)), mean.shape)
+                here, total = one.sum(axis=1), np.maximum(count + one.sum(axis=1), 1.0)
+                off = one - mean.multiply(here[:, None]).tocsr()
+                parts.append(off.multiply(np.sqrt(count / total)[:, None]))
+                mean = (mean + off.multiply((1.0 / total)[:, None])).tocsr()
+                count += here
+            parts[0] = mean.multiply(np.sqrt(count)[:, None])
+            # Why the cut-off: whitened rows have hardly any noise above it.
+            share = np.sqrt(2.0 * self.cutoff / self.rows.rate / noise.count[j])
+            white = sparse.diags_array([1.0, *-ar], offsets=-np.arange(len(ar) + 1), shape=(M, M))
+            turned.append(share / noise.sigma[j] * (sparse.vstack(parts) @ white).tocsr())
+        return turned
+
     def transformed(self, joint: int, x: Floats) -> Floats:
         """Return filtered columns of one joint, (..., M), as whitened rows by frequency, (..., F)."""
-        noise, use = self.noise, self.noise.counting(self.rows, joint)
-        # Why the cut-off: whitened rows have hardly any noise above it.
-        share = np.sqrt(2.0 * self.cutoff / self.rows.rate / noise.count[joint])
-        flat = whitened(x.reshape(-1, x.shape[-1]), noise.ar[joint])
-        flat *= use * share / noise.sigma[joint]
-        count, turned = np.zeros(sum(self.lengths)), []
-        mean = np.zeros((len(flat), len(count)))
-        for time in self.times:
-            at, away = self.place[time], np.zeros_like(mean)
-            here, before = use[time].astype(float), count[at]
-            total = np.maximum(before + here, 1.0)
-            off = flat[:, time] - mean[:, at] * here
-            away[:, at] = np.sqrt(before / total) * off
-            mean[:, at] += off / total
-            count[at] += here
-            turned.append(away)
-        turned[0] = np.sqrt(count) * mean
-        ends = np.cumsum(self.lengths)[:-1]
-        motions = [part for each in turned for part in np.split(each, ends, axis=1)]
-        by_frequency = np.concatenate(
-            [dct(part, norm="ortho", axis=-1) for part in motions], axis=1
-        )
-        return by_frequency[:, self._order[0]].reshape(*x.shape[:-1], -1)
+        flat = self.turned[joint] @ x.reshape(-1, x.shape[-1]).T
+        ends = np.cumsum(self.lengths * len(self.times))[:-1]
+        motions = [dct(part, norm="ortho", axis=0) for part in np.split(flat, ends)]
+        return np.concatenate(motions)[self._order[0]].T.reshape(*x.shape[:-1], -1)
 
     def unrepeated(self, joint: int, x: Floats) -> Floats:
         """Return rows of a joint, (M,), less their mean over all times that each instant is driven; once, as they are.

@@ -129,9 +129,9 @@ class GapRows:
         columns = np.zeros((len(on), len(shapes), len(effect.amplitudes(shapes[0])), len(self)))
         for part, log, motion in zip(self.parts, self.logs, self.motions, strict=True):
             if (always or self.is_new[part.start]) and self.use[part][:, on].any():
-                for g, raw in enumerate(effect.tried(motion, joints, shapes)):
-                    kept = parallel_filtered(raw.reshape(-1, len(motion)), log.filter)
-                    columns[:, g, :, part] = kept.reshape(*raw.shape[:2], -1).swapaxes(0, 1)
+                raw = np.array(effect.tried(motion, joints, shapes))
+                kept = parallel_filtered(raw.reshape(-1, len(motion)), log.filter)
+                columns[..., part] = np.moveaxis(kept.reshape(*raw.shape[:-1], -1), 2, 0)
         return dict(zip(on, columns, strict=True))
 
 
