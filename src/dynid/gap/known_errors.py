@@ -56,6 +56,18 @@ def with_reversals(rows: GapRows, base: BaseModel, theta: Floats) -> GapRows:
     return replace(rows, coulomb=coulomb, reversal=np.hypot(width, np.median(errors, axis=0)))
 
 
+def with_known_friction(rows: GapRows, noise: Floats) -> GapRows:
+    """Return rows of which those do not count whose friction nobody knows: a joint that stops may keep all of it.
+
+    Args:
+        rows: the rows.
+        noise: of each joint, (n,) [N m or N].
+    """
+    slow = [(np.abs(x.qd) < rows.reversal).astype(float).T for x in rows.motions]
+    unknown = rows.coulomb * rows.filtered(slow).T
+    return replace(rows, use=rows.use & (unknown < tuning.UNKNOWN_FRICTION * noise))
+
+
 def reversal_columns(rows: GapRows, joint: int) -> Floats:
     """Return what another shape of a joint's reversals would change of its torque, each one standard deviation, (7, M).
 

@@ -11,7 +11,7 @@ from dynid.arrays import Floats
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, stack_with_settled_effects
 from dynid.gap.gap_rows import GapRows, gap_rows
-from dynid.gap.known_errors import reversal_columns, with_reversals
+from dynid.gap.known_errors import reversal_columns, with_known_friction, with_reversals
 from dynid.gap.noise import (
     NoiseModel,
     RepeatPair,
@@ -129,6 +129,21 @@ def make_problem(
     prior = known_parameters(kept) if kept is not None and alone else None
     first = unwhitened_fit(rows, nuisance=False)[0] if kept is None else kept.plain
     rows = with_reversals(rows, base, first)
+    theta, residual, noise = _measured(rows, prior, repeats)
+    rows = with_known_friction(rows, noise.floor)
+    theta, residual, noise = _measured(rows, prior, repeats)
+    if kept is not None and alone:
+        of_all = unwhitened_fit(rows, nuisance=False)[1]
+        # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
+        left = searched_rms(rows, residual) / searched_rms(rows, of_all)
+        noise = with_misfit(noise, rows, residual, unexplained_before(kept) * np.minimum(1.0, left))
+    return GapProblem(base, rows, text, repeats, noise, theta, kept is not None, prior)
+
+
+def _measured(
+    rows: GapRows, prior: Floats | None, repeats: Sequence[RepeatPair]
+) -> tuple[Floats, Floats, NoiseModel]:
+    """Return base parameters of a fit, (p,), its residuals of all rows, (M, n), and the noise in them."""
     theta, residual = unwhitened_fit(rows, prior)
     if rows.compared:
         # Why each era for itself: what has changed is no noise.
@@ -138,13 +153,7 @@ def make_problem(
         residual = unwhitened_fit(rows)[1]
     era = [rows.is_new[part.start] for part in rows.parts]
     same = [pair for pair in repeats if era[pair.first] == era[pair.second]]
-    noise = with_steps(measure_noise(rows, residual, same), rows)
-    if kept is not None and alone:
-        of_all = unwhitened_fit(rows, nuisance=False)[1]
-        # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
-        left = searched_rms(rows, residual) / searched_rms(rows, of_all)
-        noise = with_misfit(noise, rows, residual, unexplained_before(kept) * np.minimum(1.0, left))
-    return GapProblem(base, rows, text, repeats, noise, theta, kept is not None, prior)
+    return theta, residual, with_steps(measure_noise(rows, residual, same), rows)
 
 
 def judged_by_possible(problem: GapProblem) -> GapProblem:

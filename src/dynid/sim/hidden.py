@@ -55,7 +55,7 @@ def _law(hidden: Hidden) -> Law:
     """Return the further torque at the joint by its position and velocity, step by step; none for sensor faults."""
     size = hidden.size
     if hidden.name == "spring":
-        return lambda q, v: size * q + 0.1 * size * q**3
+        return lambda q, v: size * q
     return _ringing(size) if hidden.name == "knock" else lambda q, v: 0.0
 
 
