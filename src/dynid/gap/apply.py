@@ -13,7 +13,7 @@ from dynid.estimation.stack import Stack, stack_logs, with_settled_effects
 from dynid.files.robotfile import text_of
 from dynid.judgement.gap import GapEffect
 from dynid.model.base_model import BaseModel
-from dynid.model.effects.catalogue import delay_of
+from dynid.model.effects.catalogue import CATALOGUE, delay_of
 from dynid.model.reduce import with_added
 from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
@@ -28,13 +28,24 @@ def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
     return BaseModel(model, with_added(base.reduction, model))
 
 
-def specs_of(effects: Sequence[GapEffect]) -> list[EffectSpec]:
-    """Return the robot file's entries, numbers rounded to what their errors leave."""
+def specs_of(effects: Sequence[GapEffect], clock: float = 0.0) -> list[EffectSpec]:
+    """Return the robot file's entries, numbers rounded to what their errors leave.
+
+    Args:
+        effects: what was found.
+        clock: the stamp that those which change with time count from [s].
+    """
+    since = {
+        name: {"clock": clock}
+        for name, effect in CATALOGUE.items()
+        if "s" in effect.shape_units.values()
+    }
     return [
         EffectSpec(
             one.effect,
             one.joints,
-            {name: float(f"{value:.6g}") for name, value in one.values.items()},
+            {name: float(f"{value:.6g}") for name, value in one.values.items()}
+            | since.get(one.effect, {}),
             {name: float(f"{error:.2g}") for name, error in one.std_errors.items()},
         )
         for one in effects

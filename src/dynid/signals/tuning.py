@@ -180,6 +180,10 @@ KEPT_SAMPLES = 20_000
 #: none yet.
 EFFECT_SMOOTHING_HZ = 4.0
 
+#: A log that begins so soon after the recordings that an effect of time was found in is of the same session, and its
+#: clock is theirs [s]. Evidence: none, an hour.
+SESSION_S = 3600.0
+
 # Speed and memory: no result depends on them, but for the last digits.
 #: Samples at the beginning of a log of which noise and steps of torque are estimated. Evidence: none yet.
 ENOUGH_SAMPLES = 1 << 18

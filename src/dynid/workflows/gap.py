@@ -286,7 +286,8 @@ class Gap(Judged, GapRecord):
         if not chosen:
             fix = "name a candidate of the table, such as apply('spring@7')"
             raise WrongUsage("no effect is named", fix=fix)
-        specs = specs_of(chosen)
+        first = self.analysis.search.logs[0].segments[0]
+        specs = specs_of(chosen, float(first.t[0] - first.elapsed[0]))
         path = None if robot_file is None else Path(robot_file)
         if path is not None:
             write_robot(self.analysis.search.first.base.robot, specs, path)
