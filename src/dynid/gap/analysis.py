@@ -59,6 +59,11 @@ class GapAnalysis:
         return tuple(self.search.selected)
 
     @property
+    def left(self) -> float:
+        """Power of the held-out errors with what is named over that of the noise, summed over joints."""
+        return float(np.sum((self.improvement.after / self.improvement.floor) ** 2))
+
+    @property
     def invisible(self) -> dict[str, list[int]]:
         """Effects and joints that these logs cannot show."""
         joints: dict[str, list[int]] = {}

@@ -534,7 +534,9 @@ class _Search:
         )
         why = f"{gap.asked} {' and '.join(reasons)}: {ASKED['arm']}"
         analysis = with_counterbalances(gap.analysis, sought)
-        if any(one.name == COUNTERBALANCE for one in analysis.named):
+        # Why asked of what a name explains as well: a cylinder imitates a spring on the motions of the search alone.
+        as_well = not any(one.rivals for one in sought) or analysis.left <= gap.analysis.left
+        if as_well and any(one.name == COUNTERBALANCE for one in analysis.named):
             of_arm = self._recorded(analysis, "arm", why)
             return replace(of_arm, recordings=gap.recordings, signals=gap.signals)
         return _with_likely(replace(gap, asked=why), sought)
