@@ -25,7 +25,7 @@ from dynid.gap.evidence import Evidence, EvidenceRows, evidence_of
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key, SelectedEffect
-from dynid.gap.shapes import integrated, over_shapes, turning
+from dynid.gap.shapes import integrated, over_shapes
 from dynid.progress import advance
 
 #: Joints whose rest is sized beside an effect that acts on all: those that show it most.
@@ -434,9 +434,8 @@ class Search:
         self, state: State, one: Look, beside: Evidence, visible: dict[int, float]
     ) -> SelectedEffect:
         """Return what is looked at with its numbers, by its evidence without it and its visible size by joint."""
-        effect, rows = one.place.effect, state.rows
-        ways = turning(rows) if "vs" in effect.steps else [rows]
-        sizes = over_shapes(beside, ways, one.place, one.shape, state.added)
+        effect = one.place.effect
+        sizes = over_shapes(beside, state.rows, one.place, one.shape, state.added)
         size, power = sizes.amplitudes, np.diag(sizes.covariance)
         there = power > 0
         covariance = sizes.covariance[np.ix_(there, there)]

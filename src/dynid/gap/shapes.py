@@ -6,7 +6,7 @@ A parabola about the best shape does not do: near reversals there are several pe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -31,8 +31,6 @@ RESOLVED, REACH, WIDE = 0.6, 2.5, 3.0
 BETWEEN = 3.0
 #: Half the width of the next lattice at least, in spacings of this one, and most lattices.
 CLOSER, CLOSINGS = 0.5, 12
-#: Shares of the width of reversals within which friction that is gone at speed may turn.
-TURNS = (1.0, 0.63, 0.4, 0.25)
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,7 @@ def resolves(steps: Floats, spread: Floats) -> bool:
 
 def over_shapes(
     evidence: Evidence,
-    ways: Sequence[EvidenceRows],
+    rows: EvidenceRows,
     place: Place,
     best: dict[str, float],
     added: Sequence[EffectColumns],
@@ -118,13 +116,13 @@ def over_shapes(
 
     Args:
         evidence: everything else, sizes of the rest as they are with the effect.
-        ways: rows in which friction turns in several ways, each as likely.
+        rows: what is common and the rest.
         place: the effect and where it sits.
         best: its best shape so far.
         added: columns that have been added to T, one effect after the other.
     """
     effect, names = place.effect, [*place.effect.amplitudes(best)]
-    grid = effect.grid(ways[0].rows.motion, place.joints)
+    grid = effect.grid(rows.rows.motion, place.joints)
     shapes = [each for each in grid if [*effect.amplitudes(each)] == names]
     low, high = ends_of(effect, grid)
     wide, center = high - low, (low + high) / 2
@@ -137,13 +135,12 @@ def over_shapes(
             inside = np.all(np.abs(x - (low + high) / 2) <= wide * (0.5 + 1e-9), axis=1)
             # Why the best shape too: a lattice that is too wide for the peak has no point near it.
             shapes = [*(from_steps(effect, best, y) for y in x[inside]), best]
-        gained = [gains(evidence, candidate(way, place, shapes, added)) for way in ways]
-        odds = np.array([one.log_odds for one in gained])
-        way, g = np.unravel_index(int(np.argmax(odds)), odds.shape)
-        between = odds[:, -1].max() > odds[:, :-1].max(initial=-np.inf) + BETWEEN
+        gained = gains(evidence, candidate(rows, place, shapes, added))
+        odds = gained.log_odds
+        g = int(np.argmax(odds))
+        between = odds[-1] > odds[:-1].max(initial=-np.inf) + BETWEEN
         best, count = shapes[g], len(shapes) - bool(effect.steps and not between)
-        weights = softmax(odds[:, :count])
-        likely = weights.sum(axis=0)
+        likely = softmax(odds[:count])
         x = np.array([in_steps(effect, each) for each in shapes[:count]])
         mean = likely @ x
         spread = (x - mean).T @ ((x - mean) * likely[:, None])
@@ -156,11 +153,11 @@ def over_shapes(
     for name in effect.steps:
         away = [each[name] - shape[name] for each in shapes[:count]]
         errors[name] = float(np.sqrt(likely @ np.square(away)))
-    amplitudes, covariance = mixed(weights, gained)
+    amplitudes, covariance = mixed(likely, gained)
     return OverShapes(
-        log_odds=float(np.logaddexp.reduce(odds[:, :count], None) - np.log(len(ways) * points)),
+        log_odds=float(np.logaddexp.reduce(odds[:count]) - np.log(points)),
         best=best,
-        scale=float(gained[way].scale[g]),
+        scale=float(gained.scale[g]),
         shape=shape,
         shape_errors=errors,
         amplitudes=amplitudes,
@@ -168,14 +165,13 @@ def over_shapes(
     )
 
 
-def mixed(weights: Floats, gained: Sequence[Gains]) -> tuple[Floats, Floats]:
-    """Return mean and covariance of amplitudes, (k,) and (k, k), of a mixture with weights (W, G)."""
-    count = weights.shape[1]
-    sizes = np.array([one.amplitudes[:count] for one in gained])
-    mean = np.tensordot(weights, sizes, 2)
-    off, spreads = sizes - mean, np.array([one.covariance[:count] for one in gained])
-    spread = spreads + off[..., None] * off[..., None, :]
-    return mean, np.tensordot(weights, spread, 2)
+def mixed(weights: Floats, gained: Gains) -> tuple[Floats, Floats]:
+    """Return mean and covariance of amplitudes, (k,) and (k, k), of a mixture over shapes with weights, (G,)."""
+    sizes, spreads = (x[: len(weights)] for x in (gained.amplitudes, gained.covariance))
+    mean = weights @ sizes
+    off = sizes - mean
+    spread = np.tensordot(weights, spreads, 1) + (off * weights[:, None]).T @ off
+    return mean, spread
 
 
 def integrated(
@@ -194,23 +190,6 @@ def integrated(
     mean = float(np.logaddexp.reduce(on_grid.log_odds) - np.log(len(one.shapes)))
     if not steps or on_grid.log_odds[best] < -1e8:
         return mean, one.shapes[best], float(on_grid.scale[best])
-    closed = over_shapes(evidence, [rows], one.place, one.shapes[best], added)
+    closed = over_shapes(evidence, rows, one.place, one.shapes[best], added)
     other = len({tuple(v for name, v in s.items() if name not in steps) for s in one.shapes})
     return max(mean, closed.log_odds - float(np.log(other))), closed.best, closed.scale
-
-
-def turning(rows: EvidenceRows) -> list[EvidenceRows]:
-    """Return rows in which friction that is an effect turns as wide and as sharply as it may.
-
-    Why not with the sign of the rows: it has been through a filter of the torques, and what is left of a reversal
-    there, times a hump, is no filtered hump.
-    """
-    width = rows.rows.reversal
-
-    def turned(share: float) -> EvidenceRows:
-        motions = (
-            replace(x, coulomb_sign=np.tanh(x.qd / (share * width))) for x in rows.rows.motions
-        )
-        return rows.with_rows(replace(rows.rows, motions=tuple(motions)))
-
-    return [turned(share) for share in TURNS]

@@ -12,7 +12,7 @@ from dynid.gap.candidates import Place, SelectionOptions, candidate, gains
 from dynid.gap.evidence import Evidence, JointModel
 from dynid.gap.problem import make_problem
 from dynid.gap.search import Search
-from dynid.gap.shapes import over_shapes, turning
+from dynid.gap.shapes import over_shapes
 from dynid.model.effects.catalogue import CATALOGUE
 
 #: Rows of the two bands of ``drawn``.
@@ -164,14 +164,13 @@ def test_a_push_that_nothing_repeats_is_told_by_log_time_and_joint(twolinks, on_
     assert "elbow in log 2 from 2" in seen.advice
 
 
-def summed(beside, ways, place, shapes):
-    """Return weights of shapes, and mean and error of the amplitude, summed over all of them in all ways."""
-    every = [gains(beside, candidate(rows, place, shapes)) for rows in ways]
-    weights = special.softmax([one.log_odds for one in every])
-    sizes = np.array([one.amplitudes[:, 0] for one in every])
+def summed(beside, rows, place, shapes):
+    """Return weights of shapes, and mean and error of the amplitude, summed over all of them."""
+    one = gains(beside, candidate(rows, place, shapes))
+    weights, sizes = special.softmax(one.log_odds), one.amplitudes[:, 0]
     mean = np.sum(weights * sizes)
-    spread = np.array([one.covariance[:, 0, 0] for one in every]) + (sizes - mean) ** 2
-    return weights.sum(axis=0), mean, np.sqrt(np.sum(weights * spread))
+    spread = one.covariance[:, 0, 0] + (sizes - mean) ** 2
+    return weights, mean, np.sqrt(np.sum(weights * spread))
 
 
 def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
@@ -181,9 +180,9 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
         ("nonlinear_viscous",),
     )
     place, beside = Place(CATALOGUE["nonlinear_viscous"], (1,)), chosen.first.smaller(1.0)
-    found = over_shapes(beside, [chosen.rows], place, {"p": 1.7}, ())
+    found = over_shapes(beside, chosen.rows, place, {"p": 1.7}, ())
     x = np.linspace(np.log(1.05), np.log(3.0), 400)
-    weights, mean, error = summed(beside, [chosen.rows], place, [{"p": p} for p in np.exp(x)])
+    weights, mean, error = summed(beside, chosen.rows, place, [{"p": p} for p in np.exp(x)])
     assert found.amplitudes[0] == pytest.approx(mean, abs=0.1 * error)
     assert found.covariance[0, 0] == pytest.approx(error**2, rel=0.1)
     assert np.log(found.shape["p"]) == pytest.approx(
@@ -208,11 +207,10 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
     """Its speed and sharpness go together: the posterior is a ridge that is thin across both."""
     chosen = selection(twolinks, hump(on_joint, 0.3, speed, sharpness), ("stribeck",))
     place, beside = Place(CATALOGUE["stribeck"], (1,)), chosen.first.smaller(1.0)
-    ways = turning(chosen.rows)
-    found = over_shapes(beside, ways, place, {"vs": speed, "d": sharpness}, ())
+    found = over_shapes(beside, chosen.rows, place, {"vs": speed, "d": sharpness}, ())
     axes = np.geomspace(0.018, 0.25, 70), np.geomspace(0.6, 2.5, 50)
     shapes = [{"vs": vs, "d": d} for d in axes[1] for vs in axes[0]]
-    _, mean, error = summed(beside, ways, place, shapes)
+    _, mean, error = summed(beside, chosen.rows, place, shapes)
     assert found.amplitudes[0] == pytest.approx(mean, abs=0.25 * error)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(error, rel=0.2)
     assert abs(found.amplitudes[0] - 0.3) < 3 * error
