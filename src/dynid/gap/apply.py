@@ -35,17 +35,12 @@ def specs_of(effects: Sequence[GapEffect], clock: float = 0.0) -> list[EffectSpe
         effects: what was found.
         clock: the stamp that those which change with time count from [s].
     """
-    since = {
-        name: {"clock": clock}
-        for name, effect in CATALOGUE.items()
-        if "s" in effect.shape_units.values()
-    }
     return [
         EffectSpec(
             one.effect,
             one.joints,
             {name: float(f"{value:.6g}") for name, value in one.values.items()}
-            | since.get(one.effect, {}),
+            | ({"clock": clock} if "s" in CATALOGUE[one.effect].shape_units.values() else {}),
             {name: float(f"{error:.2g}") for name, error in one.std_errors.items()},
         )
         for one in effects

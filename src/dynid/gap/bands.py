@@ -107,19 +107,15 @@ class Bands:
             always: whether all rows do, or the share of the new logs alone.
         """
         use = self.noise.counting(self.rows, joint)
-        seen, shares = np.zeros(sum(self.lengths), dtype=bool), []
-        for time in self.times:
-            here = np.zeros(len(seen), dtype=bool)
-            here[self.place[time]] = use[time]
-            shares.append(here & seen)
-            seen |= here
-        shares[0] = seen
-        ends = np.cumsum(self.lengths)[:-1]
-        motions = [x for each in shares for x in np.split(each, ends)]
-        share = np.concatenate([np.full(len(x), x.mean() if len(x) else 0.0) for x in motions])
+        seen = abs(self.turned[joint]).sum(axis=1) > 0
+        share = np.concatenate([np.full(len(x), x.mean()) for x in self._split(seen)])
         share = share[self._order[0]]
         new = 1.0 if always else (use & self.rows.is_new).sum() / max(use.sum(), 1)
         return np.array([new * share[part].sum() for part in self.slices])
+
+    def _split(self, x: Floats) -> list[Floats]:
+        """Return rows of means and differences, one array for each motion."""
+        return np.split(x, np.cumsum(self.lengths * len(self.times))[:-1])
 
     @cached_property
     def turned(self) -> list[sparse.csr_array]:
@@ -132,23 +128,23 @@ class Bands:
             count, parts = np.zeros(sum(self.lengths)), []
             for time in self.times:
                 one = sparse.csr_array((use[time], (self.place[time], time)), mean.shape)
-                here, total = one.sum(axis=1), np.maximum(count + one.sum(axis=1), 1.0)
-                off = one - mean.multiply(here[:, None]).tocsr()
+                here = one.sum(axis=1)
+                total = np.maximum(count + here, 1.0)
+                off = one - mean.multiply(here[:, None])
                 parts.append(off.multiply(np.sqrt(count / total)[:, None]))
-                mean = (mean + off.multiply((1.0 / total)[:, None])).tocsr()
+                mean = mean + off.multiply((1.0 / total)[:, None])
                 count += here
             parts[0] = mean.multiply(np.sqrt(count)[:, None])
             # Why the cut-off: whitened rows have hardly any noise above it.
             share = np.sqrt(2.0 * self.cutoff / self.rows.rate / noise.count[j])
             white = sparse.diags_array([1.0, *-ar], offsets=-np.arange(len(ar) + 1), shape=(M, M))
-            turned.append(share / noise.sigma[j] * (sparse.vstack(parts) @ white).tocsr())
+            turned.append(share / noise.sigma[j] * sparse.vstack(parts) @ white)
         return turned
 
     def transformed(self, joint: int, x: Floats) -> Floats:
         """Return filtered columns of one joint, (..., M), as whitened rows by frequency, (..., F)."""
         flat = self.turned[joint] @ x.reshape(-1, x.shape[-1]).T
-        ends = np.cumsum(self.lengths * len(self.times))[:-1]
-        motions = [dct(part, norm="ortho", axis=0) for part in np.split(flat, ends)]
+        motions = [dct(part, norm="ortho", axis=0) for part in self._split(flat)]
         return np.concatenate(motions)[self._order[0]].T.reshape(*x.shape[:-1], -1)
 
     def unrepeated(self, joint: int, x: Floats) -> Floats:

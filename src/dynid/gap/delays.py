@@ -109,7 +109,7 @@ def search_effects(
         visibility=search.visibility,
         known_power=state.rows.known_power(evidence),
         rest=evidence.rest(),
-        events=find_strays(state, base.robot, problem.noise.unrepeatable),
+        events=find_strays(state, base.robot),
     )
 
 

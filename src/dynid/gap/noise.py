@@ -25,9 +25,9 @@ from dynid.signals.filters import Filter
 ORDER = 4
 #: Rows of a part of a log that has a spectrum.
 SHORTEST = 16
-#: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
-#: an undisturbed arm have; a random contact gives 12 and more, a drifting sensor 27 and more.
-BURST, DRIFT = 6.0, 14.0
+#: Power below 0.8 Hz over that from 4 to 8 Hz that repeats of an undisturbed arm have; a drifting sensor gives 27 and
+#: more.
+DRIFT = 14.0
 #: A kept model left more than noise on a joint when it left more than this many times the floor, which is
 #: itself known to about a tenth.
 MORE_THAN_NOISE = 1.2
@@ -41,7 +41,7 @@ class NoiseModel:
         ar: coefficients of the autoregressive model of order k, (n, k).
         sigma: standard deviation of what it does not predict, (n,) [N m].
         floor: rms of the noise itself, (n,) [N m].
-        disturbed: whether repeats show a burst or a drift, (n,); not without them.
+        disturbed: whether repeats show a drift, (n,); not without them.
         count: integrated autocorrelation time of what is not whitened, in rows, (n,); 1 where rows are whitened.
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
     """
@@ -180,19 +180,10 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         ar = yule_walker(covariance)
         white = (whitened(e, ar)[use] for e, use in own)
         sigma = np.sqrt(sum(float(w @ w) for w in white) / count)
-        loud = _burst(x, rate) > BURST or _drift(x, rate) > DRIFT
-        joints.append((ar, sigma, np.sqrt(power / count), loud))
+        joints.append((ar, sigma, np.sqrt(power / count), _drift(x, rate) > DRIFT))
     ar, sigma, floor, disturbed = map(np.array, zip(*joints, strict=True))
     sigma, floor = np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9)
     return NoiseModel(ar, sigma, floor, disturbed, np.ones(len(floor)), seconds)
-
-
-def _burst(parts: Sequence[Floats], rate: float) -> float:
-    size = max(1, round(rate))
-    blocks = np.concatenate([x[: len(x) // size * size].reshape(-1, size) for x in parts])
-    powers = np.mean(blocks**2, axis=1)
-    powers = powers[powers > 0]
-    return float(powers.max() / np.median(powers)) if len(powers) else 0.0
 
 
 def _drift(parts: Sequence[Floats], rate: float) -> float:

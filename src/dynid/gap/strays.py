@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from dynid.arrays import Floats, Ints
@@ -14,17 +12,16 @@ from dynid.judgement.gap import Event
 from dynid.robot import Joint, Robot
 
 
-def find_strays(state: State, robot: Robot, shown: Sequence[int]) -> tuple[Event, ...]:
+def find_strays(state: State, robot: Robot) -> tuple[Event, ...]:
     """Return the loudest disturbance of each joint that has any, the loudest first.
 
     Args:
         state: everything that explains the rows.
         robot: the arm.
-        shown: joints on which repeats show that something does not repeat, and a weaker sign tells when.
     """
     bands, evidence, rows = state.rows.bands, state.evidence, state.rows.rows
-    noise, theta, p = bands.noise, evidence.estimate, rows.W.shape[2]
-    left = (rows.tau - rows.W @ theta[:p]).T - state.rows.common_torque(evidence)
+    noise, theta = bands.noise, evidence.estimate
+    left = (rows.tau - rows.W @ theta[: rows.W.shape[2]]).T - state.rows.common_torque(evidence)
     events = list[Event]()
     for k, one in enumerate(state.named):
         place, size = one.place, theta[state.columns(k)]
@@ -37,23 +34,21 @@ def find_strays(state: State, robot: Robot, shown: Sequence[int]) -> tuple[Event
             alone = left[j] - evidence.rest_of(j) @ rest
             # Why both: what the model lacks repeats, and a push is in one of the repeats alone.
             both = np.array([alone, bands.unrepeated(j, alone)])
-            least = tuning.STRAY_SHOWN if j in shown else tuning.STRAY_POWER
-            white = noise.whiten(rows, j, both)
-            event = _loudest(robot.joints[j], white, index, rows, noise.floor[j], least)
-            events += [] if event is None else [event]
+            if event := _loudest(
+                robot.joints[j], noise.whiten(rows, j, both), index, rows, noise.floor[j]
+            ):
+                events.append(event)
     return tuple(sorted(events, key=lambda event: -event.power))
 
 
-def _loudest(
-    joint: Joint, left: Floats, index: Ints, rows: GapRows, floor: float, least: float
-) -> Event | None:
+def _loudest(joint: Joint, left: Floats, index: Ints, rows: GapRows, floor: float) -> Event | None:
     block = index // max(1, round(tuning.STRAY_BLOCK_S * rows.rate))
     names, place, count = np.unique(block, return_inverse=True, return_counts=True)
     power = np.min([np.bincount(place, x**2) / count for x in left], axis=0)
     full = count >= 0.5 * count.max()
     usual = float(np.median(power[full]))
     k = int(np.argmax(np.where(full, power, 0.0)))
-    if usual <= 0 or power[k] < least * max(usual, 1.0):
+    if usual <= 0 or power[k] < tuning.STRAY_POWER * max(usual, 1.0):
         return None
     near = np.abs(names - names[k]) <= np.abs(np.arange(len(names)) - k)
     chosen = index[((power > 0.25 * power[k]) & near)[place]]

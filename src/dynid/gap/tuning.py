@@ -77,9 +77,8 @@ ODD_TIMES = 2.0
 #: clean logs reach 1.06, ringing after reversals 2.5; without repeats the measure is a lower bound, and they reach 1.7.
 LOUDER, LOUDER_UNSURE = 1.25, 2.0
 #: Length of a block [s], and power of the loudest over the usual one, from which it is a disturbance that does not
-#: repeat: sharp reversals reach 15 in clean logs, a push of a quarter of a second thousands. Where repeats show a
-#: burst, a tenth tells when.
-STRAY_BLOCK_S, STRAY_POWER, STRAY_SHOWN = 0.5, 40.0, 4.0
+#: repeat: sharp reversals reach 15 in clean logs, a push of a quarter of a second thousands.
+STRAY_BLOCK_S, STRAY_POWER = 0.5, 40.0
 #: Highest over median power of the noise's spectrum in the pass band from which something rings: clean logs reach
 #: 2.1, a link that rings 22.
 RINGS = 6.0
