@@ -61,7 +61,7 @@ class GapAnalysis:
     @property
     def left(self) -> float:
         """Power of the held-out errors with what is named over that of the noise, summed over joints."""
-        return float(np.sum((self.improvement.after / self.improvement.floor) ** 2))
+        return np.sum((self.improvement.after / self.improvement.floor) ** 2)
 
     @property
     def invisible(self) -> dict[str, list[int]]:

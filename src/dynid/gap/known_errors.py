@@ -63,8 +63,8 @@ def with_known_friction(rows: GapRows, noise: Floats) -> GapRows:
         rows: the rows.
         noise: of each joint, (n,) [N m or N].
     """
-    slow = [(np.abs(x.qd) < rows.reversal).astype(float).T for x in rows.motions]
-    unknown = rows.coulomb * rows.filtered(slow).T
+    slow = rows.filtered([(np.abs(x.qd) < rows.reversal).astype(float).T for x in rows.motions])
+    unknown = rows.coulomb * slow.T
     return replace(rows, use=rows.use & (unknown < tuning.UNKNOWN_FRICTION * noise))
 
 

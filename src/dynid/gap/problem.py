@@ -129,8 +129,7 @@ def make_problem(
     prior = known_parameters(kept) if kept is not None and alone else None
     first = unwhitened_fit(rows, nuisance=False)[0] if kept is None else kept.plain
     rows = with_reversals(rows, base, first)
-    theta, residual, noise = _measured(rows, prior, repeats)
-    rows = with_known_friction(rows, noise.floor)
+    rows = with_known_friction(rows, _measured(rows, prior, repeats)[-1].floor)
     theta, residual, noise = _measured(rows, prior, repeats)
     if kept is not None and alone:
         of_all = unwhitened_fit(rows, nuisance=False)[1]

@@ -169,7 +169,7 @@ def unrepeatable(search: EffectSearch) -> list[int]:
 def explained_share(search: EffectSearch, one: SelectedEffect) -> float | None:
     """Return the share of its joint's gap that an effect explains where that is a part; None where it is most."""
     left = search.rest.rms[one.joint] if one.joint in joints_with_more(search) else 0.0
-    share = float(one.visible**2 / max(one.visible**2 + left**2, 1e-12))
+    share = one.visible**2 / max(one.visible**2 + left**2, 1e-12)
     return share if share < PART else None
 
 
@@ -233,6 +233,11 @@ def advice_of(
             f"({100 * likely.probability:.0f} %); more is needed to name it. "
             f"To be sure: {likely.effect.separate}.{repeat}"
         )
-    near = f" The closest candidate is {closest[0][0].name}: {closest[0][1]}." if closest else ""
-    look = "where.png shows on which joint and in which part of its motion."
-    return f"No effect of the catalogue explains it.{near} {look}{repeat}"
+    near = "".join(
+        f" The closest candidate is {one.name} on {joints_text(one.joints, joints)}: {why}."
+        for one, why in closest[:1]
+    )
+    return (
+        f"No effect of the catalogue explains it.{near} where.png shows on which joint and in which part of its "
+        f"motion.{repeat}"
+    )

@@ -473,8 +473,9 @@ def arm_motion(
     """
     rate = chosen.rate / chosen.first_step
     kernel = lowpass_kernel(min(tuning.EFFECT_SMOOTHING_HZ, chosen.cutoff), rate)
-    clock = (x.parameters["clock"] for x in model.robot.effects if "clock" in x.parameters)
-    since = segment.t - next(clock, np.inf)
+    since = segment.t - next(
+        (x.parameters["clock"] for x in model.robot.effects if "clock" in x.parameters), np.inf
+    )
     return ArmMotion(
         since if 0.0 <= since[0] < tuning.SESSION_S else segment.elapsed,
         segment.q,
