@@ -208,11 +208,6 @@ def stack_with_settled_effects(logs: Sequence[ConditionedLog], base: BaseModel) 
     return settled(stack_logs(logs, base))
 
 
-def with_settled_effects(logs: Sequence[ConditionedLog], base: BaseModel) -> list[ConditionedLog]:
-    """Return logs whose columns that scale with the model fit the parameters that are identified from them."""
-    return [*stack_with_settled_effects(logs, base).logs]
-
-
 def scale_with_model(base: BaseModel) -> bool:
     """Return whether columns of the model's effects depend on the parameters that are identified."""
     return any(each.effect.needs_model for each in base.model.added)

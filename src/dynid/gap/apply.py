@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dynid.arrays import Floats
 from dynid.disk import write_text
-from dynid.estimation.stack import Stack, stack_logs, with_settled_effects
+from dynid.estimation.stack import Stack, stack_logs, stack_with_settled_effects
 from dynid.files.robotfile import text_of
 from dynid.judgement.gap import GapEffect
 from dynid.model.base_model import BaseModel
@@ -28,7 +28,7 @@ def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
     return BaseModel(model, with_added(base.reduction, model))
 
 
-def specs_of(effects: Sequence[GapEffect], clock: float = 0.0) -> list[EffectSpec]:
+def specs_of(effects: Sequence[GapEffect], clock: float) -> list[EffectSpec]:
     """Return the robot file's entries, numbers rounded to what their errors leave.
 
     Args:
@@ -69,8 +69,8 @@ def stacked_with(
         replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
     ]
     first = base.torques(theta)
-    made = with_settled_effects([with_effects(s, added.model, first) for s in late], added)
-    return added, stack_logs([*(_before(s, base, added) for s in earlier), *made], added)
+    made = stack_with_settled_effects([with_effects(s, added.model, first) for s in late], added)
+    return added, stack_logs([*(_before(s, base, added) for s in earlier), *made.logs], added)
 
 
 def _before(log: ConditionedLog, base: BaseModel, added: BaseModel) -> ConditionedLog:

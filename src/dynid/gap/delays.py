@@ -129,7 +129,7 @@ def late_torques(problem: GapProblem) -> float:
     Args:
         problem: what is searched.
     """
-    bare = problem.regression()
+    bare = replace(problem, rows=problem.every).regression()
     rows, moved = bare.rows, np.zeros((*bare.rows.tau.T.shape, len(TRIED)))
     every = ~rows.is_new
     for part in rows.parts:

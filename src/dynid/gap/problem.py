@@ -64,6 +64,7 @@ class GapProblem:
     Attributes:
         base: model and base parameters.
         rows: all rows, those of earlier logs first, where these are at hand and it is asked what has changed.
+        every: the same with rows whose friction nobody knows: when a joint turns tells how late its torque is.
         held_text: what is held out, in words.
         repeats: parts of the same motion.
         noise: the noise floor.
@@ -77,6 +78,7 @@ class GapProblem:
 
     base: BaseModel
     rows: GapRows
+    every: GapRows
     held_text: str
     repeats: list[RepeatPair]
     noise: NoiseModel
@@ -128,15 +130,15 @@ def make_problem(
     alone = kept is not None and not rows.compared
     prior = known_parameters(kept) if kept is not None and alone else None
     first = unwhitened_fit(rows, nuisance=False)[0] if kept is None else kept.plain
-    rows = with_reversals(rows, base, first)
-    rows = with_known_friction(rows, _measured(rows, prior, repeats)[-1].floor)
+    every = with_reversals(rows, base, first)
+    rows = with_known_friction(every, _measured(every, prior, repeats)[-1].floor)
     theta, residual, noise = _measured(rows, prior, repeats)
     if kept is not None and alone:
         of_all = unwhitened_fit(rows, nuisance=False)[1]
         # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
         left = searched_rms(rows, residual) / searched_rms(rows, of_all)
         noise = with_misfit(noise, rows, residual, unexplained_before(kept) * np.minimum(1.0, left))
-    return GapProblem(base, rows, text, repeats, noise, theta, kept is not None, prior)
+    return GapProblem(base, rows, every, text, repeats, noise, theta, kept is not None, prior)
 
 
 def _measured(

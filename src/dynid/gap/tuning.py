@@ -10,9 +10,9 @@ SHARPER = 0.7
 SHARPER_SPREAD = 0.8
 #: The same of a reversal twice as wide as ``SLOW_RAD``. Free, as it was, it swallowed Stribeck humps up to 0.1 rad/s.
 WIDER = 0.15
-#: Friction that may act in a row, or may not, in units of the noise, from which the row does not count. evidence: of
-#: 6 arms that stopped for moments what was left of a joint was up to 46 times as loud as the noise, without such rows,
-#: 1 in 50, 1.7 times.
+#: Friction that may act in a row, or may not, in units of the noise, from which the row does not count. evidence:
+#: benchmarks/gap_choices.md: what was left of joints that stopped for a moment had 4 to 34 times the power of the noise
+#: with these rows, and 0.9 to 2.1 times without.
 UNKNOWN_FRICTION = 5.0
 #: Power of white noise that the stop band of the filter leaves of both sides, as a share of the noise. Without it an
 #: autoregressive model whitens by 1e4 where there is no signal, and differences of the two sides look like effects.

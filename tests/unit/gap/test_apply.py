@@ -45,7 +45,7 @@ def test_numbers_are_rounded_to_what_their_errors_leave():
     sizes = (("k1", 2.3456789, 0.0123, "N m/rad"), ("c", 0.1, None, "N m"), ("order", 1.0, 0.0, ""))
     found = GapEffect("spring", "spring", "elbow", joints=("elbow",), sizes=sizes)
     numbers = {"k1": 2.34568, "c": 0.1, "order": 1.0}
-    assert specs_of([found]) == [EffectSpec("spring", ("elbow",), numbers, {"k1": 0.012})]
+    assert specs_of([found], 0.0) == [EffectSpec("spring", ("elbow",), numbers, {"k1": 0.012})]
 
 
 def test_the_logs_are_stacked_with_the_columns_of_the_effect(twolinks, on_joint):
