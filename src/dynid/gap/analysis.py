@@ -18,8 +18,8 @@ from dynid.gap.delays import EffectSearch, search_effects
 from dynid.gap.held_out import held_out, held_out_improvement, rms_of
 from dynid.gap.localisation import localise_residual
 from dynid.gap.problem import judged_by_possible
-from dynid.gap.selected_effects import SelectedEffect
-from dynid.gap.verdict import advice_of, joints_with_more, refusal, verdict_of
+from dynid.gap.selected_effects import SelectedEffect, with_columns
+from dynid.gap.verdict import LIKELY, advice_of, joints_with_more, refusal, verdict_of
 from dynid.judgement.gap import HeldOutImprovement, JointGap
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS
@@ -94,10 +94,18 @@ def analyse_gap(
         possible: whether the physically possible set is in force, and judges what is named.
     """
     before = on_one_clock(earlier) if earlier else ()
-    search = search_effects(on_one_clock(logs), base, kept, options, before)
-    if possible and kept is None:
-        search = replace(search, problem=judged_by_possible(search.problem))
-    return _proved(search)
+    refused: Sequence[tuple[SelectedEffect, str]] = ()
+    while True:
+        search = search_effects(on_one_clock(logs), base, kept, options, before)
+        if possible and kept is None:
+            search = replace(search, problem=judged_by_possible(search.problem))
+        analysis = _proved(search, refused)
+        # What is refused takes no place of what was not looked for any more; what is likely waits for more data.
+        refused = [x for x in analysis.closest if with_columns(x[:1]) and LIKELY not in x[1]]
+        full = len(with_columns(search.selected)) >= options.most
+        if not full or len(refused) == len(options.barred):
+            return analysis
+        options = replace(options, barred=tuple(one.key for one, _ in refused))
 
 
 @solvable()
@@ -113,10 +121,15 @@ def with_counterbalances(analysis: GapAnalysis, suspected: Sequence[Suspicion]) 
     return _proved(replace(search, problem=judged_by_possible(search.problem), selected=selected))
 
 
-def _proved(search: EffectSearch) -> GapAnalysis:
-    """Return the analysis of a search: what is refused goes, the least likely first, and the rest is proved again."""
+def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] = ()) -> GapAnalysis:
+    """Return the analysis of a search: what is refused goes, the least likely first, and the rest is proved again.
+
+    Args:
+        search: the search.
+        before: what was refused before it.
+    """
     problem, first, effects = search.problem, search.first, list(search.selected)
-    refused: list[tuple[SelectedEffect, str]] = []
+    refused = list(before)
     # Why not of the same motion: what always was cancels there.
     on_another_motion = problem.rows.compared and not problem.same_motion
     changed = still_changed(first, []).joints if on_another_motion and effects else None
@@ -186,15 +199,15 @@ def with_reestimated_payload(
         payload: the load as it was weighed; of one that was taken off, the same body that hung there before.
     """
     form = max(LEAST_FORM, round(load.values["form"]))
-    sign = 1.0 if load.values["m"] >= 0.0 else -1.0
-    values, errors = sign * payload.body.parameters(), np.sqrt(np.diagonal(payload.covariance))
+    shape = {"form": float(form)}
+    sign = np.copysign(1.0, load.values["m"])
+    told = (sign * payload.body.parameters(), np.sqrt(np.diagonal(payload.covariance)))
+    values, errors = (dict(zip(BODY_PARAMETERS[:form], x.tolist(), strict=False)) for x in told)
     new = replace(
         load,
-        shape=load.shape | {"form": float(form)},
-        values=dict(zip(BODY_PARAMETERS[:form], values.tolist(), strict=False))
-        | {"form": float(form)},
-        std_errors=load.std_errors
-        | dict(zip(BODY_PARAMETERS[:form], errors.tolist(), strict=False)),
+        shape=load.shape | shape,
+        values=values | shape,
+        std_errors=load.std_errors | errors,
     )
     selected = [new if one is load else one for one in analysis.named]
     return replace(analysis, search=replace(analysis.search, selected=selected))

@@ -33,12 +33,14 @@ class SelectionOptions:
         joints: 0-based joints; all when empty.
         sure: probability against what has no name from which something is named.
         most: largest number of effects that are added.
+        barred: effects and joints that were refused, and are not looked for.
     """
 
     effects: tuple[str, ...] = ()
     joints: tuple[int, ...] = ()
     sure: float = 0.99
     most: int = 3
+    barred: tuple[Key, ...] = ()
 
 
 @dataclass(frozen=True)

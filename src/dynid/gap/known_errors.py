@@ -19,7 +19,9 @@ from dynid.model.effects.friction import sign_of
 from dynid.robot import FRICTION_PARAMETERS
 from dynid.signals.filters import Filter, white_noise
 
-#: Columns of reversals that are sharper or rounder than the model's, which come first.
+#: Reversals that are sharper or rounder than the model's, in widths of it: steps, and with a power humps upon the
+#: sharpest one; the first ``SHARP`` end within twice the width.
+REVERSALS = ((0.25, 0), (0.5, 0), (0.6, 2), (1.2, 4), (2.0, 0), (1.8, 2), (2.4, 4))
 SHARP = 4
 
 
@@ -78,20 +80,14 @@ def reversal_columns(rows: GapRows, joint: int) -> Floats:
     columns = []
     for motion in rows.motions:
         x, sign = motion.qd[:, joint] / rows.reversal[joint], sign_of(motion, joint)
-        sharp = np.tanh(x / 0.25)
-        sharper = [
-            sharp - sign,
-            np.tanh(x / 0.5) - sign,
-            sharp * np.exp(-((x / 0.6) ** 2)),
-            sharp * np.exp(-((x / 1.2) ** 4)),
+        shapes = [
+            np.tanh(x / 0.25) * np.exp(-((x / width) ** power))
+            if power
+            else np.tanh(x / width) - sign
+            for width, power in REVERSALS
         ]
-        wider = [
-            np.tanh(x / 2.0) - sign,
-            sharp * np.exp(-((x / 1.8) ** 2)),
-            sharp * np.exp(-((x / 2.4) ** 4)),
-        ]
-        shares = np.repeat([tuning.SHARPER, tuning.WIDER], [SHARP, 3])
-        columns.append(rows.coulomb[joint] * shares[:, None] * np.array([*sharper, *wider]))
+        shares = np.repeat([tuning.SHARPER, tuning.WIDER], [SHARP, len(REVERSALS) - SHARP])
+        columns.append(rows.coulomb[joint] * shares[:, None] * np.array(shapes))
     return rows.filtered(columns)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from dynid.arrays import Floats, Ints, Mask
 from dynid.gap.regression import Regression
@@ -15,8 +16,8 @@ NEGLIGIBLE = 0.10
 STANDS_OUT = 1.6
 #: Fewest rows of a region that is judged: its mean square is then known to a fifth.
 FEWEST = 60
-#: Time after a reversal that counts as the reversal [s]: one and a half periods of the cut-off of 10 Hz.
-REVERSAL = 0.15
+#: Time about a reversal that counts as the reversal [s]: three quarters of a period of the cut-off of 10 Hz.
+REVERSAL = 0.075
 
 #: Regions of each kind, in the order in which they are drawn, and how one is said.
 KINDS = {
@@ -77,11 +78,8 @@ def _regions(regression: Regression, joint: int) -> list[tuple[str, str, float]]
 
 def near_reversal(qd: Floats, rate: float) -> Mask:
     """Return which rows are at a reversal of a joint, (M,)."""
-    near = np.zeros(len(qd), dtype=bool)
-    width = max(1, round(REVERSAL * rate))
-    for k in np.flatnonzero(np.diff(np.sign(qd)) != 0):
-        near[max(0, k - width // 2) : k + width] = True
-    return near
+    turns = np.diff(np.sign(qd), prepend=np.sign(qd[:1])) != 0
+    return binary_dilation(turns, iterations=max(1, round(REVERSAL * rate)))
 
 
 def _words(regions: list[tuple[str, str, float]]) -> str:

@@ -32,8 +32,8 @@ from dynid.progress import advance
 MOST_JOINTS = 4
 #: Log odds behind the first from which shapes are not integrated any more: it cannot come near.
 BEHIND = 25.0
-#: Rounds of exchanging a name for a better one, and most names, what always was included.
-EXCHANGES, MOST_NAMES = 3, 12
+#: Rounds of exchanging a name for a better one.
+EXCHANGES = 3
 #: Effects that are a special case of others, which always fit as well: they are no rivals, and have to win.
 SIMPLER = {
     "torque_offset": ("spring", "end_stop", "torque_drift"),
@@ -165,7 +165,7 @@ class Search:
         rows = problem.searched(problem.theta)
         self.first, self.rows = evidence_of(rows, problem.noise, problem.repeats, problem.prior)
         self.made: dict[tuple[tuple[Key, bool], float], list[Candidate]] = {}
-        self.barred: set[tuple[Key, bool]] = set()
+        self.barred = {(key, False) for key in options.barred}
         self.instead: list[Sequence[Look]] = []
         self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
         self.visibility: dict[Key, float] = {}
@@ -196,10 +196,8 @@ class Search:
             None where it is not tried; and whether that is the best name, and has to be taken out first.
         """
         state, likely = self.start, None
-        while len(state.named) < MOST_NAMES:
-            # What always was is not told.
-            if sum(not one.place.always for one in state.named) >= self.options.most:
-                break
+        # What always was is not told.
+        while sum(not one.place.always for one in state.named) < self.options.most:
             looks = self.looks(state)
             best = simplest(looks, self.sure)
             if best is None or best.log_odds < self.sure:
@@ -271,8 +269,7 @@ class Search:
         # Why by effect: one that may sit in forty places is as likely in all of them as one that sits in one.
         ways = len(self.places_of) * self.places_of[name] * one.groups
         changed = self.problem.since and not one.place.always
-        far = name == "torque_crosstalk" and abs(np.diff(one.place.joints)[0]) > 1
-        prior = tuning.CHANGES.get(name, 0.0) * changed - tuning.FAR * far - float(np.log(ways))
+        prior = tuning.CHANGES.get(name, 0.0) * changed - float(np.log(ways))
         return sized.log_evidence - state.evidence.log_evidence + gain + prior
 
     def _look(self, state: State, bare: Evidence, one: Candidate) -> Look:

@@ -22,7 +22,7 @@ def find_strays(state: State, robot: Robot) -> tuple[Event, ...]:
     bands, evidence, rows = state.rows.bands, state.evidence, state.rows.rows
     noise, theta = bands.noise, evidence.estimate
     left = (rows.tau - rows.W @ theta[: rows.W.shape[2]]).T - state.rows.common_torque(evidence)
-    events = list[Event]()
+    events = []
     for k, one in enumerate(state.named):
         place, size = one.place, theta[state.columns(k)]
         columns = rows.columns(place.effect, place.joints, [one.shape], always=place.always)

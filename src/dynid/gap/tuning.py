@@ -51,9 +51,6 @@ CHANGES = {
     "gear_friction": -7.0,
     "presliding_hysteresis": -7.0,
 }
-#: Log odds against a torque sensor that hears a joint which is no neighbour: one of twenty. evidence: none, a round
-#: number.
-FAR = 3.0
 #: Log odds of the first look from which a candidate is looked at with the rest sized beside it, and how many are at
 #: each of two sizes of the rest: of 24 names and rivals, all were among the first four of one of them.
 WORTH_A_LOOK, MOST_LOOKS = 2.0, 4

@@ -89,7 +89,7 @@ def refusal(
         # Of all joints together: parameters of all joints move with an effect.
         (
             fall < HELD_OUT,
-            f"on held-out data it explains only {100 * fall:.0f} % of what it should",
+            f"on held-out data it explains only {100 * max(fall, 0):.0f} % of what it should",
         ),
     )
     return next((text for no, text in reasons if no), "")
@@ -169,7 +169,7 @@ def unrepeatable(search: EffectSearch) -> list[int]:
 def explained_share(search: EffectSearch, one: SelectedEffect) -> float | None:
     """Return the share of its joint's gap that an effect explains where that is a part; None where it is most."""
     left = search.rest.rms[one.joint] if one.joint in joints_with_more(search) else 0.0
-    share = one.visible**2 / max(one.visible**2 + left**2, 1e-12)
+    share = one.visible**2 / (one.visible**2 + left**2)
     return share if share < PART else None
 
 
@@ -207,30 +207,22 @@ def advice_of(
     if verdict == "nothing_missing":
         return f"The residual of every joint is at its noise.{repeat}"
     stray = unrepeatable(search)
-    alone = {*stray}.issuperset(remainder)
-    if search.events and alone:
-        said = (
+    if stray and {*stray}.issuperset(remainder):
+        what = [
             f"{x.joint} in {x.log} from {x.start:.1f} to {x.end:.1f} s (about {x.size:.2g} {x.unit})"
             for x in search.events
-        )
+        ] or [joints[j] for j in stray]
         return (
-            f"Something disturbed {'; '.join(said)} and did not repeat: look for a contact or a cable, and record "
-            "again or leave that time out with --exclude."
+            f"Something disturbed {'; '.join(what)} and did not repeat: look for a contact, a cable or a drifting "
+            "sensor, and record again or leave that time out with --exclude."
         )
-    if stray and alone:
-        names = ", ".join(joints[j] for j in stray)
-        return (
-            f"The disturbance of {names} does not repeat: look for contacts, cables or a drifting sensor, then record "
-            "again."
-        )
-    for likely in (one for one, why in closest if why.startswith(LIKELY)):
+    for likely, why in ((one, why) for one, why in closest if why.startswith(LIKELY)):
         size = ", ".join(
             f"{x} = {likely.values[x]:.3g} +- {likely.std_errors[x]:.2g} {likely.units[x]}"
             for x in likely.amplitudes
         )
         return (
-            f"Probably {likely.name} on {joints_text(likely.joints, joints)}, {size} "
-            f"({100 * likely.probability:.0f} %); more is needed to name it. "
+            f"Probably {likely.name} on {joints_text(likely.joints, joints)}, {size}: {why}. "
             f"To be sure: {likely.effect.separate}.{repeat}"
         )
     near = "".join(

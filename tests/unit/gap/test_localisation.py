@@ -78,10 +78,10 @@ def test_shares_are_of_power_in_torque_not_in_noise(clean):
     assert sum(gap.share for gap in gaps) == pytest.approx(1.0)
 
 
-def test_a_reversal_is_short_and_begins_a_little_before():
+def test_a_reversal_begins_as_long_before_as_it_ends_after():
     qd = np.sin(2 * np.pi * 0.2 * np.arange(230) / RATE + 0.1)
     near = near_reversal(qd, RATE)
     turns = np.flatnonzero(np.diff(np.sign(qd)))
     width = round(REVERSAL * RATE)
-    assert near.sum() == len(turns) * (width + width // 2)
+    assert near.sum() == len(turns) * (2 * width + 1)
     assert near[turns].all()
