@@ -18,8 +18,8 @@ from dynid.gap.delays import EffectSearch, search_effects
 from dynid.gap.held_out import held_out, held_out_improvement, rms_of
 from dynid.gap.localisation import localise_residual
 from dynid.gap.problem import judged_by_possible
-from dynid.gap.selected_effects import SelectedEffect, with_columns
-from dynid.gap.verdict import LIKELY, advice_of, joints_with_more, refusal, verdict_of
+from dynid.gap.selected_effects import SelectedEffect
+from dynid.gap.verdict import LIKELY, UNSEEN, advice_of, joints_with_more, refusal, verdict_of
 from dynid.judgement.gap import HeldOutImprovement, JointGap
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS
@@ -100,10 +100,10 @@ def analyse_gap(
         if possible and kept is None:
             search = replace(search, problem=judged_by_possible(search.problem))
         analysis = _proved(search, refused)
-        # What is refused takes no place of what was not looked for any more; what is likely waits for more data.
-        refused = [x for x in analysis.closest if with_columns(x[:1]) and LIKELY not in x[1]]
-        full = len(with_columns(search.selected)) >= options.most
-        if not full or len(refused) == len(options.barred):
+        # What is refused takes no place of what was not looked for any more. Not barred: what more data or other names
+        # may prove.
+        refused = [x for x in analysis.closest if not x[1].startswith((LIKELY, UNSEEN))]
+        if len(search.selected) < options.most or len(refused) == len(options.barred):
             return analysis
         options = replace(options, barred=tuple(one.key for one, _ in refused))
 
