@@ -91,7 +91,7 @@ def run(line, folder):
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        timeout=120,
+        timeout=300,
         text=True,
     )
     lines = [part.rstrip() for part in done.stdout.splitlines() if not PROGRESS.match(part)]

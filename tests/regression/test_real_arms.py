@@ -100,20 +100,19 @@ def test_the_expected_error_is_right(unseen_of_the_lwr):
 def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_motion(
     runs_of_the_lwr, results_of_the_lwr
 ):
-    """Run 3 was never seen. The joint that is named gains a third, the whole 5 %, parameters alone gain."""
+    """Run 3 was never seen. What parameters alone leave of the joint halves, the whole gains a tenth either way."""
     before = results_of_the_lwr[(1, 2)]
     gap = find_gap(before, [runs_of_the_lwr[k] for k in (1, 2)])
-    assert [(one.effect, one.indices) for one in gap.named] == [("spring", (6,))]
+    assert ("spring", (6,)) in [(one.effect, one.indices) for one in gap.named]
     after = gap.apply()
     unseen = [validate(result, runs_of_the_lwr[3]) for result in (before, after)]
     rms = np.array([[joint.rms for joint in seen.joints] for seen in unseen])
-    assert rms[:, 6] == pytest.approx([0.0850, 0.0516], abs=0.003)
-    # Joints 3 and 4 lose 11 and 7 %: with the spring the common size of viscous friction is another one.
-    assert np.all(rms[1] < 1.15 * rms[0])
-    assert unseen[1].relative_error_percent < 0.95 * unseen[0].relative_error_percent
-    assert unseen[1].relative_error_percent == pytest.approx(2.71, abs=0.08)
+    assert np.all(rms[1] < 1.08 * rms[0])
+    assert unseen[1].relative_error_percent < 0.9 * unseen[0].relative_error_percent
+    assert unseen[1].relative_error_percent == pytest.approx(2.51, abs=0.08)
     alone = [validate(r, runs_of_the_lwr[3], residual_model=False) for r in (before, after)]
-    assert alone[1].relative_error_percent < 0.98 * alone[0].relative_error_percent
+    assert alone[1].relative_error_percent < 0.92 * alone[0].relative_error_percent
+    assert alone[1].joints[6].rms < 0.5 * alone[0].joints[6].rms
 
 
 @pytest.mark.slow
