@@ -214,8 +214,8 @@ def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
 
 def encoder_noise(q: Floats) -> Floats:
     """Return the noise that rounding to the steps of an encoder makes of positions q, (N, n), (n,) [rad or m]."""
-    changes = (np.abs(np.diff(x)) for x in q.T)
-    step = np.array([np.min(each, where=each > 0.0, initial=np.inf) for each in changes])
+    changes = np.abs(np.diff(q, axis=0))
+    step = np.min(changes, axis=0, where=changes > 0.0, initial=np.inf)
     return np.where(np.isfinite(step), step, 0.0) / 12**0.5
 
 
@@ -229,7 +229,7 @@ def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise
             where it often rests on one of them.
     """
     if level is None:
-        level = np.maximum(white_noise(log.q), encoder_noise(log.q))
+        level = white_noise(log.q)
     if not np.any(level > per_joint(tuning.POSITION_NOISE, robot)):
         return None
     cutoffs = np.arange(
@@ -260,12 +260,16 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
 
 
 def white_noise(x: Floats) -> Floats:
-    """Return the standard deviation of the white noise in slow signals x, (N, n), on an even grid, (n,) [unit of x]."""
+    """Return the standard deviation of the white noise in slow signals x, (N, n), on an even grid, (n,) [unit of x].
+
+    At least that of the steps in which they come: of a joint that rests or creeps most samples equal those before.
+    """
     some = x[: tuning.ENOUGH_SAMPLES]
     if len(some) <= tuning.NOISE_ORDER:
         return np.zeros(x.shape[1])
     gain = math.comb(2 * tuning.NOISE_ORDER, tuning.NOISE_ORDER) ** 0.5
-    return 1.4826 * np.median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain
+    middle = np.median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0)
+    return np.maximum(1.4826 * middle / gain, encoder_noise(x))
 
 
 def under(kernel: Floats, x: Floats) -> Floats:

@@ -32,6 +32,7 @@ from dynid.signals.filters import (
     despiked,
     lowpass_kernel,
     position_noise,
+    white_noise,
 )
 from dynid.signals.stamps import without_intervals
 from makelogs import shared_data
@@ -185,6 +186,11 @@ def test_steps_of_a_coarse_encoder_are_noise_and_no_fast_motion(frequency, reach
     log = swing_of_twelve_bit(frequency, reach)
     check_rate(log, robot())
     assert [each.code for each in check_position_noise(log, robot())] == codes
+
+
+def test_a_joint_that_creeps_on_a_coarse_encoder_is_as_noisy_as_its_steps():
+    q = np.round(np.arange(400.0)[:, None] / 9)
+    assert white_noise(q) == pytest.approx(12**-0.5)
 
 
 def test_fast_motion_that_a_coarse_encoder_shows_needs_its_samples():
