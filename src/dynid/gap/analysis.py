@@ -15,11 +15,11 @@ from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import Suspicion, counterbalances
 from dynid.gap.delays import EffectSearch, search_effects
-from dynid.gap.held_out import held_out, held_out_improvement, rms_of
+from dynid.gap.held_out import held_out, held_out_improvement
 from dynid.gap.localisation import localise_residual
 from dynid.gap.problem import judged_by_possible
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.gap.verdict import LIKELY, UNSEEN, advice_of, joints_with_more, refusal, verdict_of
+from dynid.gap.verdict import LIKELY, SEEN, UNSEEN, advice_of, joints_with_more, refusal, verdict_of
 from dynid.judgement.gap import HeldOutImprovement, JointGap
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS
@@ -141,13 +141,13 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
         return held_out(problem if late else in_time, some)
 
     def power(left: Floats) -> float:
-        return float(np.sum((rms_of(left) / problem.noise.floor) ** 2))
+        return float(np.nansum((left / problem.noise.floor) ** 2))
 
     while True:
         after, failing = left_by(effects), []
         for one in effects:
             without = left_by([other for other in effects if other is not one])
-            fall = (power(without) - power(after)) / max(power(without - after), 1e-12)
+            fall = (power(without) - power(after)) / max(power(without - after), SEEN)
             if why := refusal(search, one, changed, fall):
                 failing.append((one, why))
         if not failing:
