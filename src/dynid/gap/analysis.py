@@ -19,7 +19,7 @@ from dynid.gap.held_out import held_out, held_out_improvement
 from dynid.gap.localisation import localise_residual
 from dynid.gap.problem import judged_by_possible
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.gap.verdict import LIKELY, SEEN, UNSEEN, advice_of, joints_with_more, refusal, verdict_of
+from dynid.gap.verdict import LIKELY, SEEN, advice_of, joints_with_more, refusal, verdict_of
 from dynid.judgement.gap import HeldOutImprovement, JointGap
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS
@@ -100,12 +100,12 @@ def analyse_gap(
         if possible and kept is None:
             search = replace(search, problem=judged_by_possible(search.problem))
         analysis = _proved(search, refused)
-        # What is refused takes no place of what was not looked for any more. Not barred: what more data or other names
-        # may prove.
-        refused = [x for x in analysis.closest if not x[1].startswith((LIKELY, UNSEEN))]
-        if len(search.selected) < options.most or len(refused) == len(options.barred):
+        # What is refused takes no place of what was not looked for any more, and no second best takes its joint.
+        refused = [x for x in analysis.closest if not x[1].startswith(LIKELY)]
+        barred = frozenset(one.joints[:1] or one.name for one, _ in refused)
+        if len(search.selected) < options.most or barred == options.barred:
             return analysis
-        options = replace(options, barred=tuple(one.key for one, _ in refused))
+        options = replace(options, barred=barred)
 
 
 @solvable()

@@ -33,14 +33,14 @@ class SelectionOptions:
         joints: 0-based joints; all when empty.
         sure: probability against what has no name from which something is named.
         most: largest number of effects that are added.
-        barred: effects and joints that were refused, and are not looked for.
+        barred: joints on which something was refused, and effects of the whole arm that were.
     """
 
     effects: tuple[str, ...] = ()
     joints: tuple[int, ...] = ()
     sure: float = 0.99
     most: int = 3
-    barred: tuple[Key, ...] = ()
+    barred: frozenset[Joints | str] = frozenset()
 
 
 @dataclass(frozen=True)

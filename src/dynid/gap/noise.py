@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
 
 from dynid.arrays import Floats, Mask
 from dynid.errors import LogTooShort
@@ -174,7 +175,7 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         covariance = np.array(
             [sum(float(e[lag:] @ e[: len(e) - lag]) for e in x) for lag in range(ORDER + 1)]
         )
-        count, power = max(1, sum(int(use.sum()) for _, use in own)), covariance[0]
+        count, power = max(1, sum(use.sum() for _, use in own)), covariance[0]
         # Why white noise on top: the stop band of the filter holds almost none, and would be whitened by as much.
         covariance[0] *= 1.0 + tuning.STOP_BAND
         ar = yule_walker(covariance)
@@ -244,7 +245,4 @@ def yule_walker(covariance: Floats) -> Floats:
 
 def whitened(x: Floats, ar: Floats) -> Floats:
     """Return what an autoregressive model, (k,), does not predict, (..., M); the first k rows lack what was before."""
-    out = x.copy()
-    for lag, weight in enumerate(ar, start=1):
-        out[..., lag:] -= weight * x[..., :-lag]
-    return out
+    return lfilter(np.append(1.0, -ar), 1.0, x)

@@ -165,7 +165,11 @@ class Search:
         rows = problem.searched(problem.theta)
         self.first, self.rows = evidence_of(rows, problem.noise, problem.repeats, problem.prior)
         self.made: dict[tuple[tuple[Key, bool], float], list[Candidate]] = {}
-        self.barred = {(key, False) for key in options.barred}
+        self.barred = {
+            x.at
+            for x in self.places
+            if not x.always and (x.joints[:1] or x.effect.name) in options.barred
+        }
         self.instead: list[Sequence[Look]] = []
         self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
         self.visibility: dict[Key, float] = {}

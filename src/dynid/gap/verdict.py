@@ -36,7 +36,6 @@ HELD_OUT = 0.5
 #: do not show they cannot prove. evidence: there too, false elasticities lowered squared errors by 0.02 and less.
 SEEN = 12.0
 LIKELY = "its probability is only"
-UNSEEN = "on held-out data"
 SMALL_DELAY = "the delay is shorter than the sampling can resolve"
 REVERSAL = "is at the lower end of its range, as of a reversal"
 
@@ -93,7 +92,7 @@ def refusal(
         # Of all joints together: parameters of all joints move with an effect.
         (
             fall < HELD_OUT,
-            f"{UNSEEN} it explains only {100 * max(fall, 0):.0f} % of what it should",
+            f"on held-out data it explains only {100 * max(fall, 0):.0f} % of what it should",
         ),
     )
     return next((text for no, text in reasons if no), "")
