@@ -34,11 +34,9 @@ def velocity_error(raw_q: Floats, filtered: Filter) -> Floats:
         raw_q: positions as recorded, (N, n) [rad or m].
         filtered: the filters.
     """
-    steps = [np.unique(np.abs(np.diff(x))) for x in raw_q.T]
-    least = np.array([x[x > 0][0] if np.any(x > 0) else 0.0 for x in steps])
     share = min(1.0, 2 * filtered.position_cutoff / filtered.rate)
-    noise = np.maximum(white_noise(raw_q), least / np.sqrt(12.0))
-    return 2 * np.pi * filtered.position_cutoff / np.sqrt(3.0) * noise * np.sqrt(share)
+    noise = white_noise(raw_q) * np.sqrt(share)
+    return 2 * np.pi * filtered.position_cutoff / np.sqrt(3.0) * noise
 
 
 def with_reversals(rows: GapRows, base: BaseModel, theta: Floats) -> GapRows:
