@@ -93,20 +93,24 @@ def test_the_expected_error_is_right(unseen_of_the_lwr):
     assert np.all((found > 0.5) & (found < 1.5))
     assert np.count_nonzero((found < 1 / 1.5) | (found > 1.5)) <= 1
     assert 0.75 < np.median(found) < 1.3
-    assert unseen_of_the_lwr[(1,), 2].relative_error_percent <= 2.2
 
 
 @pytest.mark.slow
 def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_motion(
     runs_of_the_lwr, results_of_the_lwr
 ):
-    """Run 3 was never seen. What parameters alone leave of the joint halves, the whole gains a tenth either way."""
+    """Run 3 was never seen. What parameters alone leave of the joint halves, the whole gains a tenth either way.
+
+    The residual model had held as much of the joint as the spring does.
+    """
     before = results_of_the_lwr[(1, 2)]
     gap = find_gap(before, [runs_of_the_lwr[k] for k in (1, 2)])
-    assert ("spring", (6,)) in [(one.effect, one.indices) for one in gap.named]
+    names = "presliding_hysteresis(4,) spring(6,) nonlinear_viscous(6,)"
+    assert " ".join(f"{one.effect}{one.indices}" for one in gap.named) == names
     after = gap.apply()
     unseen = [validate(result, runs_of_the_lwr[3]) for result in (before, after)]
     rms = np.array([[joint.rms for joint in seen.joints] for seen in unseen])
+    assert rms[:, 6] == pytest.approx([0.0837, 0.0841], abs=0.003)
     assert np.all(rms[1] < 1.08 * rms[0])
     assert unseen[1].relative_error_percent < 0.9 * unseen[0].relative_error_percent
     assert unseen[1].relative_error_percent == pytest.approx(2.51, abs=0.08)

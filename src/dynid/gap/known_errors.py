@@ -35,8 +35,7 @@ def velocity_error(raw_q: Floats, filtered: Filter) -> Floats:
         filtered: the filters.
     """
     share = min(1.0, 2 * filtered.position_cutoff / filtered.rate)
-    noise = white_noise(raw_q) * np.sqrt(share)
-    return 2 * np.pi * filtered.position_cutoff / np.sqrt(3.0) * noise
+    return 2 * np.pi * filtered.position_cutoff * np.sqrt(share / 3.0) * white_noise(raw_q)
 
 
 def with_reversals(rows: GapRows, base: BaseModel, theta: Floats) -> GapRows:
