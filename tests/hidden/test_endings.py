@@ -14,7 +14,7 @@ from dynid.errors import GravityRemoved
 from dynid.model.parameters import joined, prior_bodies
 from dynid.robot import Body, Coulomb, Prior
 from motions import tones
-from recorded_lwr import ROBOT, only, recorded, sharp
+from recorded_lwr import COULOMB, ROBOT, only, recorded, sharp
 
 pytestmark = pytest.mark.slow
 
@@ -67,6 +67,19 @@ def test_nothing_hidden_gets_no_name(repeats, said):
     assert named(gap) == set()
     assert said in gap.advice
     assert repeats == 1 or gap.verdict == "nothing_missing"
+
+
+def bristles(t, q, qd, rigid):
+    """Coulomb friction by Dahl's law, within 0.2 to 0.9 mrad, in place of the sharp one."""
+    width, z = np.linspace(0.2e-3, 0.9e-3, ROBOT.n), np.zeros_like(q)
+    for k, step in enumerate(np.diff(q, axis=0), start=1):
+        z[k] = np.sign(step) + (z[k - 1] - np.sign(step)) * np.exp(-np.abs(step) / width)
+    return COULOMB * (z - sharp(qd))
+
+
+def test_friction_that_lags_behind_its_reversals_gets_no_name():
+    gap = look(driven(bristles))
+    assert (named(gap), gap.verdict) == (set(), "nothing_missing")
 
 
 def test_two_effects_on_two_joints_are_both_named():

@@ -100,9 +100,10 @@ def analyse_gap(
         if possible and kept is None:
             search = replace(search, problem=judged_by_possible(search.problem))
         analysis = _proved(search, refused)
-        # What is refused takes no place of what was not looked for any more, and no second best takes its joint.
+        # What is refused takes no place of what was not looked for any more, and no second best its joint.
         refused = [x for x in analysis.closest if not x[1].startswith(LIKELY)]
-        barred = frozenset(one.joints[:1] or one.name for one, _ in refused)
+        named = {(), *(one.joints[:1] for one in analysis.named)}
+        barred = {x.joints[:1] for x, _ in refused} - named | {x.key for x, _ in refused}
         if len(search.selected) < options.most or barred == options.barred:
             return analysis
         options = replace(options, barred=barred)
@@ -154,19 +155,19 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
             break
         refused.append(min(failing, key=lambda pair: pair[0].log_odds))
         effects.remove(refused[-1][0])
-    search, closest = replace(search, selected=effects), tuple(refused)
+    search = search.without({one.key for one, _ in refused})
     remainder = joints_with_more(search)
     if problem.rows.compared:
         remainder = still_changed(problem, effects).joints
-    verdict = verdict_of(search, closest, remainder)
+    verdict = verdict_of(search, remainder)
     return GapAnalysis(
         search=search,
         joints=tuple(localise_residual(replace(first, noise=problem.noise).regression())),
         improvement=held_out_improvement(in_time, left_by([]), after, search.known_power),
         verdict=verdict,
-        closest=closest,
+        closest=tuple(refused),
         remainder=remainder,
-        advice=advice_of(verdict, search, closest, remainder),
+        advice=advice_of(verdict, search, refused, remainder),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,14 +33,14 @@ class SelectionOptions:
         joints: 0-based joints; all when empty.
         sure: probability against what has no name from which something is named.
         most: largest number of effects that are added.
-        barred: joints on which something was refused, and effects of the whole arm that were.
+        barred: what was refused, and joints on which nothing else is named.
     """
 
     effects: tuple[str, ...] = ()
     joints: tuple[int, ...] = ()
     sure: float = 0.99
     most: int = 3
-    barred: frozenset[Joints | str] = frozenset()
+    barred: Set[Joints | Key] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -14,7 +15,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.evidence import Rest
 from dynid.gap.problem import GapProblem, make_problem
-from dynid.gap.search import Search
+from dynid.gap.search import Search, State
 from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.strays import find_strays
 from dynid.judgement.gap import Event
@@ -38,9 +39,7 @@ class EffectSearch:
         problem: the same with delays taken out.
         selected: effects that were found, a delay included.
         visibility: largest visible share of each candidate.
-        known_power: expected square of what recorder, filter and reversals do, (M, n).
-        rest: what is missing without a name.
-        events: short disturbances that do not repeat, the loudest first.
+        state: all names that were found, with what is beside them.
     """
 
     logs: tuple[ConditionedLog, ...]
@@ -49,9 +48,32 @@ class EffectSearch:
     problem: GapProblem
     selected: list[SelectedEffect]
     visibility: dict[Key, float]
-    known_power: Floats
-    rest: Rest
-    events: tuple[Event, ...]
+    state: State
+
+    @property
+    def known_power(self) -> Floats:
+        """Expected square of what recorder, filter and reversals do, (M, n)."""
+        return self.state.rows.known_power(self.state.evidence)
+
+    @cached_property
+    def rest(self) -> Rest:
+        """What is missing without a name."""
+        return self.state.evidence.rest()
+
+    @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """Short disturbances that do not repeat, the loudest first."""
+        return find_strays(self.state, self.problem.base.robot)
+
+    def without(self, keys: Set[Key]) -> EffectSearch:
+        """Return the search without some of what it selected: what they explained is missing without a name."""
+        state = self.state
+        for k, one in enumerate(state.named):
+            if one.place.key in keys:
+                state = replace(state, evidence=state.evidence.without(state.columns(k)))
+        sized = state.evidence.sized(range(len(state.evidence.joints)))
+        selected = [one for one in self.selected if one.key not in keys]
+        return replace(self, selected=selected, state=replace(state, evidence=sized))
 
 
 def search_effects(
@@ -99,7 +121,6 @@ def search_effects(
         p_value, visible = float(chdtrc(1, (delay / error) ** 2)), share * late.visible
         values = {"delay": delay}
         selected.append(replace(late, values=values, visible=visible, p_value=p_value))
-    evidence = state.evidence
     return EffectSearch(
         logs=tuple(logs),
         options=options,
@@ -107,9 +128,7 @@ def search_effects(
         problem=problem,
         selected=selected,
         visibility=search.visibility,
-        known_power=state.rows.known_power(evidence),
-        rest=evidence.rest(),
-        events=find_strays(state, base.robot),
+        state=state,
     )
 
 

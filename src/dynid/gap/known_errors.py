@@ -16,13 +16,17 @@ from dynid.gap import tuning
 from dynid.gap.gap_rows import GapRows
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.friction import sign_of
-from dynid.robot import FRICTION_PARAMETERS
+from dynid.model.effects.laws import presliding
 from dynid.signals.filters import Filter, white_noise
 
+#: Lags of friction behind its reversal, by Dahl's law, that no name tells from it [rad or m]. evidence:
+#: benchmarks/gap_choices.md, clean arms with such a law.
+LAGS = (0.0005, 0.0015)
 #: Reversals that are sharper or rounder than the model's, in widths of it: steps, and with a power humps upon the
-#: sharpest one; the first ``SHARP`` end within twice the width.
+#: sharpest one.
 REVERSALS = ((0.25, 0), (0.5, 0), (0.6, 2), (1.2, 4), (2.0, 0), (1.8, 2), (2.4, 4))
-SHARP = 4
+#: So many of all, lags first, are within twice the width.
+SHARP = 6
 
 
 def velocity_error(raw_q: Floats, filtered: Filter) -> Floats:
@@ -47,8 +51,7 @@ def with_reversals(rows: GapRows, base: BaseModel, theta: Floats) -> GapRows:
         theta: base parameters of a first fit, (p,); friction that is not among them is none.
     """
     sizes, joints = dict(zip(base.names, theta.tolist(), strict=True)), base.robot.joints
-    kind = FRICTION_PARAMETERS["coulomb"]
-    coulomb = np.array([abs(sizes.get(f"{kind}{j}", 0.0)) for j in range(1, len(joints) + 1)])
+    coulomb = np.array([abs(sizes.get(f"fc{j}", 0.0)) for j in range(1, len(joints) + 1)])
     errors = [velocity_error(log.segments[0].raw_q, log.filter) for log in rows.logs]
     least = np.array([tuning.SLOW_RAD if x.revolute else tuning.SLOW_M for x in joints])
     width = np.maximum(base.robot.coulomb_shape.velocity, least)
@@ -68,7 +71,7 @@ def with_known_friction(rows: GapRows, noise: Floats) -> GapRows:
 
 
 def reversal_columns(rows: GapRows, joint: int) -> Floats:
-    """Return what another shape of a joint's reversals would change of its torque, each one standard deviation, (7, M).
+    """Return what another shape of a joint's reversals would change of its torque, each one standard deviation, (9, M).
 
     Args:
         rows: the rows.
@@ -77,13 +80,14 @@ def reversal_columns(rows: GapRows, joint: int) -> Floats:
     columns = []
     for motion in rows.motions:
         x, sign = motion.qd[:, joint] / rows.reversal[joint], sign_of(motion, joint)
-        shapes = [
+        shapes = [presliding(motion.q[:, joint], lag) - sign for lag in LAGS]
+        shapes += [
             np.tanh(x / 0.25) * np.exp(-((x / width) ** power))
             if power
             else np.tanh(x / width) - sign
             for width, power in REVERSALS
         ]
-        shares = np.repeat([tuning.SHARPER, tuning.WIDER], [SHARP, len(REVERSALS) - SHARP])
+        shares = np.repeat([tuning.SHARPER, tuning.WIDER], [SHARP, len(shapes) - SHARP])
         columns.append(rows.coulomb[joint] * shares[:, None] * np.array(shapes))
     return rows.filtered(columns)
 
@@ -99,7 +103,7 @@ def error_columns(rows: GapRows) -> tuple[Floats, Floats]:
 
     Returns:
         Of errors that all joints share, (1 + 2 n, n, M), and of those of one joint alone, reversals first,
-        (n, 7 + 2 n, M).
+        (n, 9 + 2 n, M).
     """
     common, inertial = [], []
     for motion, log in zip(rows.motions, rows.logs, strict=True):

@@ -166,9 +166,7 @@ class Search:
         self.first, self.rows = evidence_of(rows, problem.noise, problem.repeats, problem.prior)
         self.made: dict[tuple[tuple[Key, bool], float], list[Candidate]] = {}
         self.barred = {
-            x.at
-            for x in self.places
-            if not x.always and (x.joints[:1] or x.effect.name) in options.barred
+            x.at for x in self.places if not x.always and options.barred & {x.joints[:1], x.key}
         }
         self.instead: list[Sequence[Look]] = []
         self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))

@@ -8,14 +8,12 @@ import numpy as np
 from scipy.special import expit
 
 from dynid.arrays import Floats
-from dynid.estimation.possible_set import pseudo_inertia
 from dynid.gap import tuning
 from dynid.gap.counterbalance import COUNTERBALANCE
 from dynid.gap.delays import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.motion import Joints
-from dynid.model.parameters import BODY_PARAMETERS
 
 #: A delay below this share of the sampling period is how a recorder reads position and torque, not a missing effect.
 SAMPLING = 0.3
@@ -23,9 +21,6 @@ SAMPLING = 0.3
 PART = 0.9
 #: Chance above which the 95 % interval of an effect holds zero.
 OPEN = 0.05
-#: How far below zero the smallest second moment of a load's mass may be, as a share of the largest, beyond
-#: two standard errors: a load that is small beside its distance has none.
-BODY = 0.1
 #: A shape below so many times the least of its range lies at its end: all wrong ones did within 1.06.
 AT_END = 1.1
 #: Share of the square of what an effect changes in held-out rows by which it must lower their squared errors: 1 where
@@ -36,8 +31,6 @@ HELD_OUT = 0.5
 #: do not show they cannot prove. evidence: there too, false elasticities lowered squared errors by 0.02 and less.
 SEEN = 12.0
 LIKELY = "its probability is only"
-SMALL_DELAY = "the delay is shorter than the sampling can resolve"
-REVERSAL = "is at the lower end of its range, as of a reversal"
 
 
 def refusal(
@@ -57,28 +50,25 @@ def refusal(
     sure, late = search.options.sure, one.name == "torque_delay"
     rate = search.problem.rows.logs[0].filter.rate
     probability = 1.0 if late else expit(one.log_odds)
-    # How large what is left of its joint is, over the effect: what no kind of the rest holds, too.
+    # How large what is left of its joints is, over the effect: what no kind of the rest holds, too.
     # Why not of a change: what has always been left stands for nothing that is new.
-    left = unnamed(search)[one.joint] / max(one.visible, 1e-12)
+    left = unnamed(search)[[one.joint, *one.joints[:1]]].max() / max(one.visible, 1e-12)
     alone = not (late or one.name == COUNTERBALANCE or search.problem.rows.compared)
     reasons = (
         # Recorders of five public arms skew by up to 0.3 periods.
-        (late and abs(one.values["delay"]) * rate < SAMPLING, SMALL_DELAY),
+        (
+            late and abs(one.values["delay"]) * rate < SAMPLING,
+            "the delay is shorter than the sampling can resolve",
+        ),
         # Of names given with 90 to 99 % as many are right.
         (
             probability < sure,
             f"{LIKELY} {np.floor(100 * probability):.0f} %, and {100 * sure:.3g} % are needed",
         ),
         # Evidence grows with the length of a log: 7 of 56 cases had a name at 0.06 to 0.2 of the noise.
-        (
-            one.visible < tuning.MATERIAL,
-            f"its torque is only {one.visible:.2g} times the noise",
-        ),
+        (one.visible < tuning.MATERIAL, f"its torque is {one.visible:.2g} times the noise"),
         (one.p_value > OPEN, "the interval of its size holds zero"),
-        (
-            one.always,
-            "it explains old and new logs equally well as an effect that was always there",
-        ),
+        (one.always, "it explains old and new logs as well if it was always there"),
         # On another motion a real arm differs from its model by more than the rows say, although nothing has changed.
         (changed == (), "old and new logs agree without it"),
         # A dead band looks like half a gain: what was left was 1.85 times as large, and held-out rows agreed with it.
@@ -86,9 +76,11 @@ def refusal(
             alone and left > 1.0,
             f"the remaining residual of this joint is {left:.1f} times as large: it may stand for something else",
         ),
-        (not possible(one), "no physical body has these parameters"),
         # Presliding of 0.1 to 0.9 mrad looks like a hysteresis of 2.00 mrad on 10 of 11 arms, a dead band like a hump.
-        (bool(end := at_an_end(search, one)), f"{end} {REVERSAL}"),
+        (
+            bool(end := at_an_end(search, one)),
+            f"{end} is at the lower end of its range, as of a reversal",
+        ),
         # Of all joints together: parameters of all joints move with an effect.
         (
             fall < HELD_OUT,
@@ -106,18 +98,6 @@ def at_an_end(search: EffectSearch, one: SelectedEffect) -> str:
     return next((name for name, low in lows.items() if one.values[name] < AT_END * low), "")
 
 
-def possible(one: SelectedEffect) -> bool:
-    """Return whether there can be such a body, put on or taken off; True for what is no body."""
-    parameters = [one.values.get(name, 0.0) for name in BODY_PARAMETERS]
-    if one.name != "payload" or one.values["form"] < len(parameters):
-        return True
-    P = np.sign(parameters[0]) * pseudo_inertia(np.array(parameters))
-    spread = np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3])
-    # Two standard errors: a second moment is half of what two moments of inertia are more than the third.
-    errors = [one.std_errors[name] for name in ("Ixx", "Iyy", "Izz")]
-    return bool(spread[0] >= -BODY * spread[-1] - np.linalg.norm(errors))
-
-
 def _louder(search: EffectSearch) -> float:
     """Return how much louder than measured the noise is from which something is missing."""
     return tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
@@ -129,28 +109,13 @@ def unnamed(search: EffectSearch) -> Floats:
     return np.hypot(search.rest.rms, np.sqrt(level))
 
 
-def verdict_of(
-    search: EffectSearch,
-    refused: Sequence[tuple[SelectedEffect, str]],
-    remainder: Sequence[int],
-) -> str:
-    """Return the verdict on a finished search.
-
-    Args:
-        search: the search, with what passed alone.
-        refused: what did not, with the reason.
-        remainder: joints with more left than noise.
-    """
+def verdict_of(search: EffectSearch, remainder: Sequence[int]) -> str:
+    """Return the verdict on a finished search, with what passed alone; there is more left than noise on some joints."""
     if any(one.rivals for one in search.selected):
         return "ambiguous"
     if search.selected:
         return "named"
-    # Why not all: what recorders and reversals look like is no sign of anything missing.
-    matters = any(
-        one.visible >= tuning.MATERIAL and not why.endswith((SMALL_DELAY, REVERSAL))
-        for one, why in refused
-    )
-    if remainder or (not search.problem.rows.compared and (matters or unrepeatable(search))):
+    if remainder or (not search.problem.rows.compared and unrepeatable(search)):
         return "unexplained"
     return "nothing_changed" if search.problem.since else "nothing_missing"
 

@@ -7,10 +7,6 @@ import pytest
 
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.selected_effects import SelectedEffect
-from dynid.gap.verdict import possible
-from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.parameters import BODY_PARAMETERS
 
 
 @pytest.mark.parametrize(
@@ -71,22 +67,3 @@ def test_each_log_has_its_own_time_when_stamps_begin_anew(twolinks):
     made = [twolinks.log(1, k) for k in range(2)]
     for source in on_one_clock(made):
         assert source.segments[0].elapsed[0] < 0.2
-
-
-@pytest.mark.parametrize(("error", "told"), [(1e-3, True), (1e-5, False)])
-def test_a_load_small_beside_its_distance_is_a_body_within_the_errors_of_its_inertia(error, told):
-    """A point of 1.2 kg at 50 mm has 0.003, 0.003, 0 kg m^2: the first is read 0.002 too large."""
-    read = {"m": 1.2, "mcz": 0.06, "Ixx": 0.005, "Iyy": 0.003, "form": 10.0}
-    values = dict.fromkeys(BODY_PARAMETERS, 0.0) | read
-    load = SelectedEffect(
-        CATALOGUE["payload"],
-        (),
-        {"form": 10.0},
-        1,
-        1.0,
-        9.0,
-        0.0,
-        values=values,
-        std_errors=dict.fromkeys(BODY_PARAMETERS, error),
-    )
-    assert possible(load) is told
