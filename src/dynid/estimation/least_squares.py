@@ -195,12 +195,10 @@ class Fit:
 
     @cached_property
     def inflation(self) -> float:
-        """How many rows are worth one independent row; 1/2 chi-square of all rows is divided by it."""
-        A, spread = (
-            self.whitened[:-1, :-1],
-            self.covariance if self.uncorrected is None else self.uncorrected,
-        )
-        worth = tuning.COLOUR_UNSEEN * float(np.sum((A @ spread) * A)) / max(1, self.solution.rank)
+        """How many rows count as one independent row beside the prior; 1/2 chi-square of all is divided by it."""
+        A = self.whitened[:-1, :-1]
+        spread = self.covariance if self.uncorrected is None else self.uncorrected
+        worth = tuning.HELD_BACK * np.sum((A @ spread) * A) / max(1, self.solution.rank)
         return float(np.clip(worth, 1.0, tuning.LARGEST_INFLATION))
 
     @cached_property

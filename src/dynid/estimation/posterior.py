@@ -257,9 +257,9 @@ class Parts:
         return cls(np.array(logs), np.array(grams))
 
     def disagreement(self, covariance: Floats, error: ModelError | None, informed: Mask) -> float:
-        """Return how many times more parts move the parameters than their rows let expect, at least 1.
+        """Return how many times more parts move the parameters than their rows, held back, let expect.
 
-        When the parameters move, the columns of the residual model follow them.
+        At least what takes that back. When the parameters move, the columns of the residual model follow them.
 
         Args:
             covariance: of the parameters, (p, p).
@@ -272,7 +272,7 @@ class Parts:
             k, slope, root = error.k, error.slope, error.root
         T = np.concatenate([slope[:, :k], np.tile(np.eye(p), (n, 1, 1))], axis=1)
         weight = np.where(informed, 1.0 / np.diagonal(covariance), 0.0)
-        ratios = [1.0]
+        ratios = [1.0 / tuning.HELD_BACK]
         for number in (np.arange(len(self.log)), self.log):
             member = number == np.unique(number)[:, None]
             if len(member) > 1 and informed.any():

@@ -274,7 +274,7 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
     reach = 1.0 / logs[0].filter.kept_rate
     (delay, std_error), applied = estimate_delay(stack), 0.0
     # Why not beyond: there a slope is no shift any more, and its error is not to be trusted.
-    clear = max(tuning.DELAY_LEAST_S, tuning.DELAY_CLEAR_ERRORS * std_error) < abs(delay) < reach
+    clear = max(tuning.DELAY_SETTLED_S, tuning.DELAY_CLEAR_ERRORS * std_error) < abs(delay) < reach
     for _ in range(tuning.DELAY_ROUNDS if clear else 0):
         applied = delay
         stack = settled(
@@ -288,10 +288,9 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
     done = f"corrected by {1e3 * applied:.1f} ms" if applied else "left as it is"
     stage("delay", f"{size}; {done}")
     late: tuple[Finding, ...] = ()
-    if applied:
+    if abs(applied) > tuning.DELAY_SAID_S:
         size = f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms"
         text = f"torques are stamped {size} {'later' if delay > 0 else 'earlier'} than positions; corrected"
-        facts = {"delay_s": delay, "std_error_s": std_error}
-        late = (Finding("W321", "warning", text, facts),)
+        late = (Finding("W321", "warning", text, {"delay_s": delay, "std_error_s": std_error}),)
     notice(late)
     return stack, (delay, std_error), late

@@ -165,9 +165,9 @@ def asked(stack, fit, like):
     return parts.disagreement(covariance, None, told)
 
 
-def test_parts_that_differ_by_noise_alone_widen_nothing(base):
+def test_of_parts_that_differ_by_noise_alone_rows_are_not_held_back(base):
     stack, fit = fitted_to(base, simulated(base, seed=0, noise=0.05))
-    assert asked(stack, fit, fit) == 1.0
+    assert asked(stack, fit, fit) < 0.6
 
 
 def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_counts_it_already(base):
@@ -176,7 +176,7 @@ def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_count
     scale = 1.0 + 0.3 * ((log.t - log.t[0]) / np.ptp(log.t) - 0.5)
     stack, fit = fitted_to(base, replace(log, tau=log.tau * scale[:, None]))
     assert asked(stack, fit, steady) == tuning.LARGEST_INFLATION
-    assert asked(stack, fit, fit) == 1.0
+    assert asked(stack, fit, fit) == 0.5
 
 
 def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
