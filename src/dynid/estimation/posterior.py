@@ -257,9 +257,10 @@ class Parts:
         return cls(np.array(logs), np.array(grams))
 
     def disagreement(self, covariance: Floats, error: ModelError | None, informed: Mask) -> float:
-        """Return how many times more parts move the parameters than their rows, held back, let expect.
+        """Return the variance between the estimates of parts over the one that their rows predict.
 
-        At least what takes that back. When the parameters move, the columns of the residual model follow them.
+        Predicted is with rows held back, so it is at least 1 / ``HELD_BACK``. When the parameters move, the columns of
+        the residual model follow them.
 
         Args:
             covariance: of the parameters, (p, p).

@@ -25,11 +25,11 @@ REVERSAL = 0.15
 #: estimate moves with the cut-off and held-out rows gain nothing; a simulated delay of 2 ms on top reaches 12 to 30.
 #: evidence: those figures.
 DELAY_CLEAR_ERRORS = 4.0
-#: Up to this a delay is corrected without a word [s]: within the half sample that a controller holds its torque.
+#: Up to this a delay is corrected without a warning [s]: within the half sample that a controller holds its torque.
 #: evidence: none yet.
 DELAY_SAID_S = 2e-3
-#: A delay is zero, and settled after it was corrected, up to a change of this [s]; it is estimated anew at most so many
-#: times. evidence: none yet.
+#: A delay, or its change once it is corrected, counts as zero below this [s]; it is estimated at most so many times.
+#: evidence: none yet.
 DELAY_SETTLED_S, DELAY_ROUNDS = 2e-4, 3
 
 # ---------------------------------------------------------------- least squares
@@ -43,8 +43,8 @@ RANK_TOLERANCE = 1e-8
 LEAST_ROWS_LEFT = 1.0
 #: Rounds after which noise and weights are taken as they are. evidence: none yet.
 FIT_ROUNDS = 50
-#: By how much less than they are worth rows count beside the prior, which has to hold short logs; error bars do not
-#: count it. evidence: benchmarks/choices.md.
+#: Rows count so many times less compared with the prior, which short logs depend on; error bars do not include it.
+#: evidence: benchmarks/choices.md.
 HELD_BACK = 2.0
 #: A log of 20 rows per second is worth about one independent row per second, and never less than one in so many.
 #: evidence: none yet.

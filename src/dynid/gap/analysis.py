@@ -100,7 +100,7 @@ def analyse_gap(
         if possible and kept is None:
             search = replace(search, problem=judged_by_possible(search.problem))
         analysis = _proved(search, refused)
-        # What is refused takes no place of what was not looked for any more, and no second best its joint.
+        # A refused effect may have kept others from being searched, and no second best stands in for it on its joint.
         refused = [x for x in analysis.closest if not x[1].startswith(LIKELY)]
         named = {(), *(one.joints[:1] for one in analysis.named)}
         barred = {x.joints[:1] for x, _ in refused} - named | {x.key for x, _ in refused}

@@ -33,7 +33,7 @@ class SelectionOptions:
         joints: 0-based joints; all when empty.
         sure: probability against what has no name from which something is named.
         most: largest number of effects that are added.
-        barred: what was refused, and joints on which nothing else is named.
+        barred: effects that were refused, and their joints if nothing else is named there.
     """
 
     effects: tuple[str, ...] = ()

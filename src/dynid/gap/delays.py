@@ -66,7 +66,7 @@ class EffectSearch:
         return find_strays(self.state, self.problem.base.robot)
 
     def without(self, keys: Set[Key]) -> EffectSearch:
-        """Return the search without some of what it selected: what they explained is missing without a name."""
+        """Return the search without some of its effects, the rest sized again: it holds what they explained."""
         state = self.state
         for k, one in enumerate(state.named):
             if one.place.key in keys:

@@ -19,13 +19,13 @@ from dynid.model.effects.friction import sign_of
 from dynid.model.effects.laws import presliding
 from dynid.signals.filters import Filter, white_noise
 
-#: Lags of friction behind its reversal, by Dahl's law, that no name tells from it [rad or m]. evidence:
-#: benchmarks/gap_choices.md, clean arms with such a law.
+#: Distances within which friction builds up after a reversal (Dahl) that are an error and no effect [rad or m].
+#: evidence: benchmarks/gap_choices.md, clean arms with such friction.
 LAGS = (0.0005, 0.0015)
 #: Reversals that are sharper or rounder than the model's, in widths of it: steps, and with a power humps upon the
 #: sharpest one.
 REVERSALS = ((0.25, 0), (0.5, 0), (0.6, 2), (1.2, 4), (2.0, 0), (1.8, 2), (2.4, 4))
-#: So many of all, lags first, are within twice the width.
+#: The first so many columns, lags included, end within twice the width.
 SHARP = 6
 
 

@@ -68,7 +68,7 @@ def refusal(
         # Evidence grows with the length of a log: 7 of 56 cases had a name at 0.06 to 0.2 of the noise.
         (one.visible < tuning.MATERIAL, f"its torque is {one.visible:.2g} times the noise"),
         (one.p_value > OPEN, "the interval of its size holds zero"),
-        (one.always, "it explains old and new logs as well if it was always there"),
+        (one.always, "it explains old and new logs equally well if it was always there"),
         # On another motion a real arm differs from its model by more than the rows say, although nothing has changed.
         (changed == (), "old and new logs agree without it"),
         # A dead band looks like half a gain: what was left was 1.85 times as large, and held-out rows agreed with it.
@@ -110,7 +110,7 @@ def unnamed(search: EffectSearch) -> Floats:
 
 
 def verdict_of(search: EffectSearch, remainder: Sequence[int]) -> str:
-    """Return the verdict on a finished search, with what passed alone; there is more left than noise on some joints."""
+    """Return the verdict on a search whose refused effects are taken out; `remainder`: joints above their noise."""
     if any(one.rivals for one in search.selected):
         return "ambiguous"
     if search.selected:
