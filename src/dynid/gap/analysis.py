@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import Suspicion, counterbalances
-from dynid.gap.delays import EffectSearch, search_effects
+from dynid.gap.delays import EffectSearch, search_at, search_effects
 from dynid.gap.held_out import held_out, held_out_improvement
 from dynid.gap.localisation import localise_residual
 from dynid.gap.problem import judged_by_possible
@@ -95,8 +96,10 @@ def analyse_gap(
     """
     before = on_one_clock(earlier) if earlier else ()
     refused: Sequence[tuple[SelectedEffect, str]] = ()
+    logs = on_one_clock(logs)
+    at = lru_cache(partial(search_at, logs, base, kept, before))
     while True:
-        search = search_effects(on_one_clock(logs), base, kept, options, before)
+        search = search_effects(logs, at, options)
         if possible and kept is None:
             search = replace(search, problem=judged_by_possible(search.problem))
         analysis = _proved(search, refused)

@@ -138,6 +138,7 @@ def candidate(
     shapes: list[dict[str, float]],
     added: Sequence[EffectColumns] = (),
     groups: int = 1,
+    raw: EffectColumns | None = None,
 ) -> Candidate:
     """Return a candidate with shapes that have the same number of columns.
 
@@ -147,8 +148,9 @@ def candidate(
         shapes: to try.
         added: columns that have been added to T, one effect after the other.
         groups: how many candidates the effect has there.
+        raw: its filtered columns, where they are at hand.
     """
-    raw = rows.rows.columns(place.effect, place.joints, shapes, always=place.always)
+    raw = raw or rows.rows.columns(place.effect, place.joints, shapes, always=place.always)
     columns = {j: rows.bands.transformed(j, C) for j, C in raw.items()}
     largest: Floats = np.max([np.abs(C).max(axis=2, initial=0.0) for C in columns.values()], axis=0)
     kept = largest > ROUNDING * largest.max()
@@ -162,14 +164,24 @@ def candidate(
     return made.with_added(rows, added)
 
 
-def candidates_of(rows: EvidenceRows, place: Place) -> list[Candidate]:
-    """Return the candidates of an effect on its grid: one for each number of columns that its shapes have."""
+def candidates_of(rows: EvidenceRows, places: Sequence[Place]) -> list[Candidate]:
+    """Return the candidates of an effect on its grid: one for each number of columns that its shapes have.
+
+    Args:
+        rows: what is common and the rest.
+        places: where it sits, since new logs, always, or both.
+    """
+    place, made = places[-1], list[Candidate]()
     groups: dict[int, list[dict[str, float]]] = {}
     for shape in place.effect.grid(rows.rows.motion, place.joints):
         ranges = ((x, tuning.RANGES.get((place.effect.name, name))) for name, x in shape.items())
         if all(ends is None or ends[0] <= x <= ends[1] for x, ends in ranges):
             groups.setdefault(len(place.effect.amplitudes(shape)), []).append(shape)
-    made = [candidate(rows, place, some, (), len(groups)) for some in groups.values()]
+    for some in groups.values():
+        raw = rows.rows.columns(place.effect, place.joints, some, always=place.always)
+        for one in places:
+            own = raw if one.always else {j: C * rows.rows.is_new for j, C in raw.items()}
+            made.append(candidate(rows, one, some, groups=len(groups), raw=own))
     return [one for one in made if one.own and one.rms.any()]
 
 

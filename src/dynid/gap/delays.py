@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.evidence import Rest
 from dynid.gap.problem import GapProblem, make_problem
-from dynid.gap.search import Search, State
+from dynid.gap.search import DELAY, Search, State
 from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.strays import find_strays
 from dynid.judgement.gap import Event
@@ -23,9 +23,8 @@ from dynid.model.base_model import BaseModel
 from dynid.options import LONGEST_DELAY
 from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
 
-#: Most selections: three for a delay, because each shift makes the next one exact to second order, one after what is
-#: left of it, and one more.
-MOST_SELECTIONS = 5
+#: Most shifts: three for a delay, because each makes the next one exact to second order, and one for what names leave.
+MOST_SHIFTS = 4
 
 
 @dataclass(frozen=True)
@@ -76,56 +75,70 @@ class EffectSearch:
         return replace(self, selected=selected, state=replace(state, evidence=sized))
 
 
-def search_effects(
+def search_at(
     logs: Sequence[ConditionedLog],
     base: BaseModel,
     kept: Identification | None,
-    options: SelectionOptions,
-    earlier: Sequence[ConditionedLog] = (),
-) -> EffectSearch:
-    """Search logs for what the model lacks.
+    earlier: Sequence[ConditionedLog],
+    delay: float,
+) -> Search:
+    """Return the search of logs whose torques are moved back.
 
     Args:
         logs: conditioned logs, all with the same filter.
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
-        options: what is searched.
         earlier: conditioned logs that a kept model was identified from.
+        delay: of the torques [s].
     """
-    first = problem = make_problem(logs, base, kept, earlier)
+    shifted = [
+        replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
+    ]
+    return Search(make_problem(shifted, base, kept, earlier))
+
+
+def search_effects(
+    logs: Sequence[ConditionedLog], at: Callable[[float], Search], options: SelectionOptions
+) -> EffectSearch:
+    """Search logs for what the model lacks.
+
+    Args:
+        logs: the logs.
+        at: their search, ``search_at``, by the delay of the torques.
+        options: what is searched.
+    """
+    first = at(0.0).problem
+    wanted = DELAY in (options.effects or (DELAY,)) and (DELAY, ()) not in options.barred
     # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
-    wanted = not options.effects or "torque_delay" in options.effects
-    shift = delay = late_torques(problem) if problem.since and wanted else 0.0
+    delay = late_torques(first) if first.since and wanted else 0.0
     late: SelectedEffect | None = None
-    refined = False
-    for k in range(MOST_SELECTIONS):
-        if shift:
-            shifted = [
-                replace(s, segments=[segment_without_delay(x, delay) for x in s.segments])
-                for s in logs
-            ]
-            problem = make_problem(shifted, base, kept, earlier)
-        more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
-        search = Search(problem, options, delay=more)
-        state, delay_effect, first_of_all = search.run()
-        # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
-        if delay_effect is None or refined or not (first_of_all or delay):
+    # Why first: a delay is in all joints, and everything else is searched once, on torques in their place.
+    asked = replace(options, effects=(DELAY,)) if wanted else options
+    shifts, total = 0, delay
+    while True:
+        search = at(delay)
+        more = wanted and abs(delay) < LONGEST_DELAY and shifts < MOST_SHIFTS
+        state, rest, is_name = search.run(asked, delay=more)
+        if rest is not None and (is_name or delay):
+            late, total = rest, delay + rest.values["delay"]
+        if is_name:
+            delay, shifts = total, shifts + 1
+        elif asked is options:
             break
-        refined = not first_of_all
-        late, shift = delay_effect, delay_effect.values["delay"]
-        delay += shift
-    selected = [] if first_of_all else search.with_numbers(state)
+        else:
+            asked = options
+    selected = search.with_numbers(state)
     if late is not None:
         # Why of the last one: the first one is that of a slope of torques which are in another place.
-        error, share = late.std_errors["delay"], abs(delay / late.values["delay"])
-        p_value, visible = float(chdtrc(1, (delay / error) ** 2)), share * late.visible
-        values = {"delay": delay}
+        error, share = late.std_errors["delay"], abs(total / late.values["delay"])
+        p_value, visible = float(chdtrc(1, (total / error) ** 2)), share * late.visible
+        values = {"delay": total}
         selected.append(replace(late, values=values, visible=visible, p_value=p_value))
     return EffectSearch(
         logs=tuple(logs),
         options=options,
         first=first,
-        problem=problem,
+        problem=search.problem,
         selected=selected,
         visibility=search.visibility,
         state=state,

@@ -25,7 +25,7 @@ from dynid.gap import tuning
 from dynid.gap.bands import Bands, instants
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.known_errors import SHARP, error_columns
-from dynid.gap.noise import NoiseModel, RepeatPair
+from dynid.gap.problem import GapProblem
 from dynid.gap.rest import rest_columns
 
 #: Products of columns with themselves and with [R, torque, T], band by band, (B, k, k) and (B, k, s).
@@ -419,19 +419,12 @@ class EvidenceRows:
         return self.bands.products(C, C), self.bands.products(flat, self.own[joint])
 
 
-def evidence_of(
-    rows: GapRows, noise: NoiseModel, repeats: Sequence[RepeatPair], prior: Floats | None
-) -> tuple[Evidence, EvidenceRows]:
-    """Return the evidence of rows without any name, the rest sized.
-
-    Args:
-        rows: those that count are searched.
-        noise: what they are whitened with.
-        repeats: parts of the same motion.
-        prior: rows [columns, value] on the base parameters, (r, p + 1); None for none.
-    """
+def evidence_of(problem: GapProblem) -> tuple[Evidence, EvidenceRows]:
+    """Return the evidence of a problem without any name, the rest sized."""
+    rows, prior = problem.searched(problem.theta), problem.prior
     n, p = rows.W.shape[1:]
-    bands, (common, own) = Bands(rows, noise, *instants(rows, repeats)), error_columns(rows)
+    bands = Bands(rows, problem.noise, *instants(rows, problem.repeats))
+    common, own = error_columns(rows)
     size = p + len(common)
     every, filtered, models = [], [], []
     for j in range(n):

@@ -47,6 +47,7 @@ class GapRows:
         held: rows that are held out, (M,).
         coulomb: Coulomb friction of a first fit, which errors at reversals are shares of, (n,) [N m or N].
         reversal: speed within which nobody knows how friction turns, (n,) [rad/s or m/s].
+        turns: what other shapes of reversals would change, each one standard deviation, (n, c, M) [N m or N].
     """
 
     logs: tuple[ConditionedLog, ...]
@@ -65,6 +66,7 @@ class GapRows:
     held: Mask
     coulomb: Floats
     reversal: Floats
+    turns: Floats
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -183,7 +185,10 @@ def gap_rows(
     }
     width = np.full(base.robot.n, base.robot.coulomb_shape.velocity)
     coulomb = np.zeros(base.robot.n)
-    return GapRows(tuple(parts), tuple(motions), **arrays, coulomb=coulomb, reversal=width)
+    none = np.zeros((base.robot.n, 0, len(arrays["tau"])))
+    return GapRows(
+        tuple(parts), tuple(motions), **arrays, coulomb=coulomb, reversal=width, turns=none
+    )
 
 
 def on_joint(columns: EffectColumns, joint: int, count: int) -> Floats:

@@ -55,7 +55,8 @@ def with_reversals(rows: GapRows, base: BaseModel, theta: Floats) -> GapRows:
     errors = [velocity_error(log.segments[0].raw_q, log.filter) for log in rows.logs]
     least = np.array([tuning.SLOW_RAD if x.revolute else tuning.SLOW_M for x in joints])
     width = np.maximum(base.robot.coulomb_shape.velocity, least)
-    return replace(rows, coulomb=coulomb, reversal=np.hypot(width, np.median(errors, axis=0)))
+    known = replace(rows, coulomb=coulomb, reversal=np.hypot(width, np.median(errors, axis=0)))
+    return replace(known, turns=np.array([reversal_columns(known, j) for j in range(len(joints))]))
 
 
 def with_known_friction(rows: GapRows, noise: Floats) -> GapRows:
@@ -123,5 +124,4 @@ def error_columns(rows: GapRows) -> tuple[Floats, Floats]:
         fast = 3.0 * without_slow(torques, 0.08, motion.t)
         inertial.append(tuning.ACCELERATION * np.concatenate([torques, fast]))
     own = rows.filtered(inertial).swapaxes(0, 1)
-    shapes = [reversal_columns(rows, j) for j in range(len(own))]
-    return rows.filtered(common), np.concatenate([shapes, own], axis=1)
+    return rows.filtered(common), np.concatenate([rows.turns, own], axis=1)

@@ -11,7 +11,7 @@ from dynid.arrays import Floats
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, stack_with_settled_effects
 from dynid.gap.gap_rows import GapRows, gap_rows
-from dynid.gap.known_errors import reversal_columns, with_known_friction, with_reversals
+from dynid.gap.known_errors import with_known_friction, with_reversals
 from dynid.gap.noise import (
     NoiseModel,
     RepeatPair,
@@ -229,5 +229,5 @@ def unwhitened_fit(
     residual = rows.tau - rows.W @ fit.theta[:p]
     if nuisance:
         for j, size in enumerate(fit.theta[p:].reshape(n, -1)):
-            residual[:, j] -= size @ reversal_columns(rows, j)
+            residual[:, j] -= size @ rows.turns[j]
     return fit.theta[:p], residual

@@ -13,7 +13,6 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
-from dynid.gap.known_errors import reversal_columns
 from dynid.gap.noise import NoiseModel
 from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import Joints, Shape
@@ -128,7 +127,7 @@ def whitened_regression(
     for j in range(n):
         W = noise.whiten(rows, j, np.ascontiguousarray(rows.W[:, j].T)).T
         if nuisance:
-            own = noise.whiten(rows, j, reversal_columns(rows, j))
+            own = noise.whiten(rows, j, rows.turns[j])
             W = np.concatenate([W, np.zeros((len(W), n * len(own)))], axis=1)
             W[:, p + j * len(own) :][:, : len(own)] = own.T
         baseline.append(W)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 from scipy.special import chdtrc, logit, softmax
@@ -28,8 +29,6 @@ from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.shapes import integrated, over_shapes
 from dynid.progress import advance
 
-#: Joints whose rest is sized beside an effect that acts on all: those that show it most.
-MOST_JOINTS = 4
 #: Log odds behind the first from which shapes are not integrated any more: it cannot come near.
 BEHIND = 25.0
 #: Rounds of exchanging a name for a better one.
@@ -149,55 +148,62 @@ def simplest(looks: Sequence[Look], sure: float) -> Look | None:
 
 
 class Search:
-    """A search for names on one problem."""
+    """A search for names on one problem, which may be asked for others again: each candidate is made once.
 
-    def __init__(self, problem: GapProblem, options: SelectionOptions, *, delay: bool) -> None:
-        """Make the evidence without any name, and all candidates.
+    Args:
+        problem: what is searched.
+    """
 
-        Args:
-            problem: what is searched.
-            options: which effects are tried.
-            delay: whether a delay is tried.
-        """
-        self.problem, self.options = problem, options
-        self.sure = float(logit(options.sure))
-        self.places = places_of(problem, options, delay=delay)
-        rows = problem.searched(problem.theta)
-        self.first, self.rows = evidence_of(rows, problem.noise, problem.repeats, problem.prior)
-        self.made: dict[tuple[tuple[Key, bool], float], list[Candidate]] = {}
+    def __init__(self, problem: GapProblem) -> None:
+        self.problem = problem
+        self.first, self.rows = evidence_of(problem)
+        self.made: dict[tuple[Place, ...], list[Candidate]] = {}
+        self.visibility: dict[Key, float] = {}
+
+    def _begin(self, options: SelectionOptions, *, delay: bool) -> State:
+        """Return the state without any name, with all candidates that are wanted."""
+        self.options, self.sure = options, float(logit(options.sure))
+        self.places = places_of(self.problem, options, delay=delay)
         self.barred = {
             x.at for x in self.places if not x.always and options.barred & {x.joints[:1], x.key}
         }
         self.instead: list[Sequence[Look]] = []
-        self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
-        self.visibility: dict[Key, float] = {}
-        for one in self.start.candidates:
-            share = visible_share(self.first, one, problem.base.rank)
+        candidates = self._candidates(self.rows, ())
+        for one in candidates:
+            share = visible_share(self.first, one, self.problem.base.rank)
             self.visibility[one.place.key] = max(share, self.visibility.get(one.place.key, 0.0))
-        there = {c.place.at for c in self.start.candidates}
-        self.places_of = Counter(name for (name, _), _ in there)
+        self.places_of = Counter(name for (name, _), _ in {c.place.at for c in candidates})
+        return State((), (), self.first, self.rows, candidates)
 
     def _candidates(
         self, rows: EvidenceRows, added: Sequence[EffectColumns]
     ) -> tuple[Candidate, ...]:
         """Return all candidates beside what is named, each made once, and again at a size that it was found to have."""
         candidates: list[Candidate] = []
-        for k, place in enumerate(self.places, start=1):
-            key = place.at, place.effect.at
-            if key not in self.made:
-                self.made[key] = candidates_of(rows, place)
-            candidates += self.made[key]
-            advance(k, len(self.places), place.effect.name)
+        done = 0
+        for key, group in groupby(self.places, lambda place: (place.key, place.effect.at)):
+            places = tuple(group)
+            if places not in self.made:
+                self.made[places] = candidates_of(rows, places)
+            candidates += self.made[places]
+            done += len(places)
+            advance(done, len(self.places), key[0][0])
         return tuple(one.with_added(rows, added) for one in candidates)
 
-    def run(self) -> tuple[State, SelectedEffect | None, bool]:
+    def run(
+        self, options: SelectionOptions, *, delay: bool
+    ) -> tuple[State, SelectedEffect | None, bool]:
         """Search until nothing is sure.
+
+        Args:
+            options: which effects are tried.
+            delay: whether a delay is tried.
 
         Returns:
             Names with everything beside them, what is only likely included; how late torques are jointly with them,
             None where it is not tried; and whether that is the best name, and has to be taken out first.
         """
-        state, likely = self.start, None
+        state, likely = self._begin(options, delay=delay), None
         # What always was is not told.
         while sum(not one.place.always for one in state.named) < self.options.most:
             looks = self.looks(state)
@@ -207,10 +213,8 @@ class Search:
                 break
             if best.late:
                 return state, self._late(state, best), True
-            named = [*state.named, *self._taken(best, looks)]
-            state = self._exchanged(
-                self._built(named, best.evidence), [] if best.place.always else looks
-            )
+            state = self._built([*state.named, best], best.evidence)
+            state = self._exchanged(state, [] if best.place.always else looks)
         late = next((c for c in state.candidates if c.place.effect.name == DELAY), None)
         small = None
         if late is not None:
@@ -221,16 +225,6 @@ class Search:
         """Return the names with numbers, without what was always there."""
         return [
             self._with_numbers(state, k) for k, x in enumerate(state.named) if not x.place.always
-        ]
-
-    def _taken(self, best: Look, looks: Sequence[Look]) -> list[Look]:
-        """Return the best look, and beside one that always was the best of each other joint that always was, too."""
-        taken = {best.place.joints[:1]: best}
-        for one in looks:
-            if best.place.always and one.log_odds > self.sure:
-                taken.setdefault(one.place.joints[:1], one)
-        return [
-            one for one in taken.values() if one is best or (one.place.always and one.place.joints)
         ]
 
     # ------------------------------------------------------------ looking
@@ -289,12 +283,7 @@ class Search:
     def _look_from(self, state: State, one: Candidate, alone: Candidate, scale: float) -> Look:
         """Return a candidate with the rest sized beside one of its shapes."""
         evidence = state.evidence
-        strength = {
-            j: float(np.trace(own.sum(axis=0)[0]) / max(evidence.joints[j].counts.sum(), 1.0))
-            for j, own in alone.own.items()
-        }
-        joints = sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS]
-        sized = evidence.sized_as(alone.among(evidence, scale).sized(joints))
+        sized = evidence.sized_as(alone.among(evidence, scale).sized(list(alone.own)))
         looks = []
         for some in (one, alone):
             gained = gains(sized, some)

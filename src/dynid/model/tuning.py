@@ -44,13 +44,14 @@ THINNEST_BODY_SHARE = 1e-3
 STILL_JOINT_RAD = 0.1
 #: Radians of phase over the travel of the slowest wave that counts as one: below, it is a spring. evidence: none yet.
 SLOWEST_WAVE_PHASE_RAD = 10.0
-#: Radians of phase over the travel between neighbouring waves of torque that are tried. evidence: none yet.
-WAVE_SPACING_RAD = 1.6
+#: Radians of phase over the travel between neighbouring waves that are tried: refinement finds what lies between.
+#: evidence: none yet.
+WAVE_SPACING_RAD = 3.2
 #: Fastest wave of torque [1/rad]: harmonic drives have up to some 200 teeth. evidence: their data sheets.
 FASTEST_WAVE = 230.0
-#: The same for waves of friction: refinement finds what lies between, and faster ones are smoothed away by the filter
-#: before they pass for friction. evidence: none yet.
-FRICTION_WAVE_SPACING_RAD, FASTEST_FRICTION_WAVE = 3.2, 120.0
+#: The same for waves of friction: faster ones are smoothed away by the filter before they pass for friction.
+#: evidence: none yet.
+FASTEST_FRICTION_WAVE = 120.0
 #: How often the bend of an elastic joint is found again from the torque where it is bent. evidence: none yet.
 BEND_ITERATIONS = 3
 #: A link that has not crossed a gap of backlash after so many samples rests between its flanks. evidence: none yet.

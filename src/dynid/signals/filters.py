@@ -386,9 +386,10 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
     if 2.0 * pulse_width(cutoff) > log.duration:
         raise too_short(log, f"the log has {log.duration:.2f} s", cutoff, 2.0 * pulse_width(cutoff))
     rate = grid_rate(log.t)
-    first = max(1, int(rate / (tuning.EVALUATED_PER_CUTOFF * cutoff)))
-    second = max(1, int(rate / first / (tuning.KEPT_PER_CUTOFF * cutoff)))
-    return Filter(rate, cutoff, first, second)
+    both = max(1, int(rate / (tuning.KEPT_PER_CUTOFF * cutoff)))
+    most = max(1, int(rate / (tuning.EVALUATED_PER_CUTOFF * cutoff)))
+    first = max(k for k in range(1, most + 1) if both % k == 0)
+    return Filter(rate, cutoff, first, both // first)
 
 
 def too_short(log: Log, what: str, cutoff: float, needed: float) -> LogTooShort:

@@ -159,8 +159,9 @@ NOISE_ORDER = 6
 #: The position filter's cut-off over the cut-off of the parallel filter. Evidence: none yet.
 POSITION_OVER_PARALLEL = 4.0
 #: Samples per cut-off period that the regressor is evaluated at, and that are kept after the parallel filter.
-#: Evidence: none yet.
-EVALUATED_PER_CUTOFF = 20.0
+#: Evidence: positions pass up to 6 cut-offs and rows up to 1.5, so that from 7.5 on nothing folds back. With 20, unseen
+#: errors of 32 pairs of recordings are 0.5 % larger in the mean (-5.3 to +4.7 %).
+EVALUATED_PER_CUTOFF = 8.0
 KEPT_PER_CUTOFF = 4.0
 #: A joint is at rest when it stays slow for this long [s]; a reversal is shorter. Evidence: none yet.
 FRICTION_REST_S = 0.25

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dynid.gap.change import change_test, still_changed, with_always_missing
-from dynid.gap.known_errors import reversal_columns
 from dynid.gap.problem import make_problem
 
 
@@ -113,6 +112,6 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
 
 def stacked(rows, chosen, joint):
     """Return the rows [columns, torque] of one joint, columns that are not judged at their own place."""
-    extra = [reversal_columns(rows, k) * (k == joint) for k in range(2)]
+    extra = [rows.turns[k] * (k == joint) for k in range(2)]
     found = np.column_stack([rows.W[:, joint], *(x.T for x in extra), rows.tau[:, joint]])
     return found[chosen & rows.use[:, joint]]

@@ -112,16 +112,14 @@ def test_rows_by_frequency_keep_the_noise_and_cancel_what_always_was(twolinks, o
     assert np.mean(left[bands.slices[half].start :] ** 2) == pytest.approx(1.0, abs=0.6)
 
 
-def selection(twolinks, added, effects=(), **options):
-    problem = make_problem(on_one_clock(twolinks.logs(added, **options)), twolinks.base, None)
-    return Search(problem, SelectionOptions(effects=effects), delay=True)
+def selection(twolinks, added):
+    return Search(make_problem(on_one_clock(twolinks.logs(added)), twolinks.base, None))
 
 
 def test_a_bayes_factor_is_the_evidence_with_the_column_over_that_without(twolinks, on_joint):
     chosen = selection(
         twolinks,
         lambda t, q, qd, qdd: on_joint(1, 0.05 * np.abs(qd[:, 1])),
-        ("asymmetric_viscous",),
     )
     one = candidate(chosen.rows, Place(CATALOGUE["asymmetric_viscous"], (1,)), [{}])
     factors = [
@@ -177,7 +175,6 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
     chosen = selection(
         twolinks,
         lambda t, q, qd, qdd: on_joint(1, 0.5 * np.sign(qd[:, 1]) * np.abs(qd[:, 1]) ** 1.7),
-        ("nonlinear_viscous",),
     )
     place, beside = Place(CATALOGUE["nonlinear_viscous"], (1,)), chosen.first.smaller(1.0)
     found = over_shapes(beside, chosen.rows, place, {"p": 1.7}, ())
@@ -205,7 +202,7 @@ def hump(on_joint, height, speed, sharpness):
 @pytest.mark.parametrize(("speed", "sharpness"), [(0.035, 1.8), (0.06, 2.2), (0.04, 0.9)])
 def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint, speed, sharpness):
     """Its speed and sharpness go together: the posterior is a ridge that is thin across both."""
-    chosen = selection(twolinks, hump(on_joint, 0.3, speed, sharpness), ("stribeck",))
+    chosen = selection(twolinks, hump(on_joint, 0.3, speed, sharpness))
     place, beside = Place(CATALOGUE["stribeck"], (1,)), chosen.first.smaller(1.0)
     found = over_shapes(beside, chosen.rows, place, {"vs": speed, "d": sharpness}, ())
     axes = np.geomspace(0.018, 0.25, 70), np.geomspace(0.6, 2.5, 50)

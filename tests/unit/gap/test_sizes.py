@@ -1,12 +1,14 @@
 """Sizes that were put in come back with errors that hold, and the held-out gap shrinks by what was explained."""
 
+from functools import lru_cache, partial
+
 import numpy as np
 import pytest
 
 import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.delays import search_effects
+from dynid.gap.delays import search_at, search_effects
 from dynid.gap.held_out import held_out, held_out_improvement, simulated_error
 
 OFFSET = 0.12
@@ -14,7 +16,8 @@ OFFSET = 0.12
 
 def searched(twolinks, added, effects, **options):
     sources = on_one_clock(twolinks.logs(added, **options))
-    return search_effects(sources, twolinks.base, None, SelectionOptions(effects=effects))
+    at = lru_cache(partial(search_at, sources, twolinks.base, None, ()))
+    return search_effects(sources, at, SelectionOptions(effects=effects))
 
 
 @pytest.fixture(scope="module")

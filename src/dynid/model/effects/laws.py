@@ -36,22 +36,12 @@ def presliding(q: Floats, delta: float) -> Floats:
 
 
 # ---------------------------------------------------------------- position
-#: Evenly spaced shapes from which turning one wave into the next is worth its rounding.
-MANY = 8
-
-
-def wave_shapes(
-    motion: ArmMotion,
-    joint: int,
-    spacing: float = tuning.WAVE_SPACING_RAD,
-    highest: float = tuning.FASTEST_WAVE,
-) -> Shapes:
+def wave_shapes(motion: ArmMotion, joint: int, highest: float = tuning.FASTEST_WAVE) -> Shapes:
     """Return the frequencies of waves over one joint's position that its range separates.
 
     Args:
         motion: the motion.
         joint: 0-based joint.
-        spacing: phase over the travel between neighbours [rad].
         highest: fastest wave [1/rad].
     """
     travel = float(np.ptp(motion.q[:, joint]))
@@ -59,23 +49,10 @@ def wave_shapes(
         return []
     return [
         {"k": float(k)}
-        for k in np.arange(tuning.SLOWEST_WAVE_PHASE_RAD / travel, highest, spacing / travel)
+        for k in np.arange(
+            tuning.SLOWEST_WAVE_PHASE_RAD / travel, highest, tuning.WAVE_SPACING_RAD / travel
+        )
     ]
-
-
-def waves(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
-    """Return cos(k q) and sin(k q) of shapes, (2, 1, N) each; of evenly spaced ones each turns the one before."""
-    q, k = motion.q[:, joints[0]], np.array([shape["k"] for shape in shapes])
-    steps = np.diff(k)
-    # Why not always: of what is not evenly spaced each needs its own, and of few each is more exact.
-    if len(k) < MANY or not np.allclose(steps, steps[0], rtol=1e-9, atol=0.0):
-        return [np.array([[np.cos(one * q)], [np.sin(one * q)]]) for one in k]
-    wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
-    columns = []
-    for _ in k:
-        columns.append(np.array([[wave.real], [wave.imag]]))
-        wave = wave * turn
-    return columns
 
 
 def spring_forms(shape: Shape) -> tuple[str, ...]:

@@ -186,10 +186,7 @@ _ALL = (
         separate="a slow, even motion over several waves, both ways: a ripple keeps its sign, "
         "this does not",
         forms=("cos({k} q) sign(qd)", "sin({k} q) sign(qd)"),
-        many=lambda m, j, s: [sign_of(m, j[0]) * wave for wave in laws.waves(m, j, s)],
-        shapes_of=lambda m, j: laws.wave_shapes(
-            m, j, tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE
-        ),
+        shapes_of=lambda m, j: laws.wave_shapes(m, j, tuning.FASTEST_FRICTION_WAVE),
         shape_units={"k": "1/rad"},
         steps={"k": ("plus", 0.2)},
         units={"a": "N m", "b": "N m"},
@@ -201,7 +198,6 @@ _ALL = (
         signature="a wave over the joint's position, faster in time when the joint is faster",
         separate="a slow, even motion over several waves",
         forms=("cos({k} q)", "sin({k} q)"),
-        many=laws.waves,
         shapes_of=laws.wave_shapes,
         shape_units={"k": "1/rad"},
         steps={"k": ("plus", 0.1)},
