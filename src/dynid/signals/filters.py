@@ -388,7 +388,7 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
     rate = grid_rate(log.t)
     both = max(1, int(rate / (tuning.KEPT_PER_CUTOFF * cutoff)))
     most = max(1, int(rate / (tuning.EVALUATED_PER_CUTOFF * cutoff)))
-    first = max(k for k in range(1, most + 1) if both % k == 0)
+    first = max(k for k in range(1, most + 1) if both <= tuning.KEPT_MORE * k * (both // k))
     return Filter(rate, cutoff, first, both // first)
 
 

@@ -163,6 +163,9 @@ POSITION_OVER_PARALLEL = 4.0
 #: errors of 32 pairs of recordings are 0.5 % larger in the mean (-5.3 to +4.7 %).
 EVALUATED_PER_CUTOFF = 8.0
 KEPT_PER_CUTOFF = 4.0
+#: How many times as many rows may be kept for a coarser evaluation. Evidence: with 1.25 the spring of joint 7 of the
+#: LWR4+ is no longer found.
+KEPT_MORE = 1.2
 #: A joint is at rest when it stays slow for this long [s]; a reversal is shorter. Evidence: none yet.
 FRICTION_REST_S = 0.25
 #: Stamps that stray from an even grid by less than this share of the step are taken as even. Evidence: none yet.
