@@ -160,7 +160,7 @@ NOISE_ORDER = 6
 POSITION_OVER_PARALLEL = 4.0
 #: Samples per cut-off period that the regressor is evaluated at, and that are kept after the parallel filter.
 #: Evidence: positions pass up to 6 cut-offs and rows up to 1.5, so that from 7.5 on nothing folds back. With 20, unseen
-#: errors of 32 pairs of recordings are 0.5 % larger in the mean (-5.3 to +4.7 %).
+#: errors of 32 pairs of recordings are 0.7 % larger in the mean (-2.3 to +4.7 %).
 EVALUATED_PER_CUTOFF = 8.0
 KEPT_PER_CUTOFF = 4.0
 #: How many times as many rows may be kept for a coarser evaluation. Evidence: with 1.25 the spring of joint 7 of the
