@@ -228,16 +228,20 @@ class Search:
         ]
 
     # ------------------------------------------------------------ looking
-    def looks(self, state: State, own: Key | None = None) -> list[Look]:
+    def looks(self, state: State, own: Look | None = None) -> list[Look]:
         """Return the leading candidates, each with the rest sized beside it, the best first.
 
         Args:
             state: what they stand beside.
-            own: what is looked at in any case.
+            own: a name that is looked at in any case, with what acts on its joints alone.
         """
         taken, evidence = {one.place.at for one in state.named} | self.barred, state.evidence
-        open_ = [one for one in state.candidates if one.place.at not in taken]
-        picked = [k for k, one in enumerate(open_) if one.place.key == own]
+        open_ = [
+            one
+            for one in state.candidates
+            if one.place.at not in taken and (not own or one.own.keys() & own.candidate.own.keys())
+        ]
+        picked = [k for k, one in enumerate(open_) if own and one.place.key == own.place.key]
         bare = evidence.smaller(1.0)
         for some in (evidence, evidence.smaller(0.5)):
             odds = np.array([gains(some, one).log_odds.max() for one in open_])
@@ -345,7 +349,7 @@ class Search:
     def _look_instead(self, state: State, last: Sequence[Look] = ()) -> None:
         """Look at what explains the rows in place of each name that is told, itself included; ``last`` for the last."""
         self.instead = [
-            [] if one.place.always else self.looks(state.without(k), one.place.key)
+            [] if one.place.always else self.looks(state.without(k), one)
             for k, one in enumerate(state.named[: -1 if last else None])
         ]
         self.instead += [last] if last else []
