@@ -347,12 +347,12 @@ class ModelTorques:
             self._observers[size] = self._model.observer(columns)
         return self._observers[size].torque(self._values[columns], *motion)
 
-    def gravity_tilt(self, q: Floats, axis: int) -> Floats:
-        """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
+    def gravity_tilt(self, q: Floats, towards: Floats) -> Floats:
+        """Return the change of torque by a turn of gravity towards a level axis, (3,), (N, n) [N m/rad]."""
         links = np.zeros((self._model.robot.n, 11))
         rigid = self._model.link_columns
         links.flat[rigid] = self._values[: len(rigid)]
-        gravity = np.linalg.norm(self._model.robot.gravity) * np.eye(3)[axis]
+        gravity = np.linalg.norm(self._model.robot.gravity) * towards
         there, still = replace(self._model.robot, gravity=tuple(gravity.tolist())), np.zeros_like(q)
         return body_torques(there, links[:, :10].ravel(), q, still, still)
 

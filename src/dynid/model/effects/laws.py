@@ -158,8 +158,11 @@ def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
 def base_tilt(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
     """Return the torques of gravity turned about two axes, and the weight that the first joint then feels."""
     columns = np.zeros((4, motion.n, len(motion)))
-    for axis in (0, 1):
-        columns[axis] = motion.reference.gravity_tilt(motion.q, axis).T
+    down = np.array(motion.robot.gravity) / np.linalg.norm(motion.robot.gravity)
+    # Why these: on a wall one of the first two axes points down, and a turn towards it is none.
+    for k, axis in enumerate(np.sort(np.argsort(np.abs(down), kind="stable")[:2])):
+        level = np.eye(3)[axis] - down[axis] * down
+        columns[k] = motion.reference.gravity_tilt(motion.q, level).T
     columns[2, 0], columns[3, 0] = np.cos(motion.q[:, 0]), np.sin(motion.q[:, 0])
     return columns
 

@@ -28,8 +28,8 @@ class ReferenceTorques(Protocol):
     def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body and friction torques, (N, n) [N m or N]."""
 
-    def gravity_tilt(self, q: Floats, axis: int) -> Floats:
-        """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
+    def gravity_tilt(self, q: Floats, towards: Floats) -> Floats:
+        """Return the change of torque by a turn of gravity towards a level axis, (3,), (N, n) [N m/rad]."""
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""

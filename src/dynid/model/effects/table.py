@@ -338,7 +338,8 @@ _ALL = (
     Effect(
         name="base_tilt",
         title="base that is not level",
-        equation="x tau_g(ex) + y tau_g(ey), and c cos(q1) + s sin(q1) on joint 1",
+        equation="x tau_g(e1) + y tau_g(e2), e1 and e2 the axes of frame 0 that are most level, and "
+        "c cos(q1) + s sin(q1) on joint 1",
         signature="gravity acts on the first joint, and turned by a small angle on the others",
         separate="turn the first joint through its whole range with the arm stretched out",
         law=laws.base_tilt,
