@@ -104,7 +104,7 @@ def search_effects(
 
     Args:
         logs: the logs.
-        at: their search, ``search_at``, by the delay of the torques.
+        at: returns their search (``search_at``) with torques moved back by a delay [s].
         options: what is searched.
     """
     first = at(0.0).problem

@@ -148,7 +148,7 @@ def simplest(looks: Sequence[Look], sure: float) -> Look | None:
 
 
 class Search:
-    """A search for names on one problem, which may be asked for others again: each candidate is made once.
+    """A search for names on one problem. It can be run again with other options; each candidate is made once.
 
     Args:
         problem: what is searched.

@@ -386,6 +386,7 @@ def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter
     if 2.0 * pulse_width(cutoff) > log.duration:
         raise too_short(log, f"the log has {log.duration:.2f} s", cutoff, 2.0 * pulse_width(cutoff))
     rate = grid_rate(log.t)
+    # How much both filters together thin a log, and the first one at most.
     both = max(1, int(rate / (tuning.KEPT_PER_CUTOFF * cutoff)))
     most = max(1, int(rate / (tuning.EVALUATED_PER_CUTOFF * cutoff)))
     first = max(k for k in range(1, most + 1) if both <= tuning.KEPT_MORE * k * (both // k))

@@ -156,7 +156,7 @@ def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
 
 
 def base_tilt(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
-    """Return the torques of gravity turned about two axes, and the weight that the first joint then feels."""
+    """Return the torques of gravity turned towards two level axes, and the weight that the first joint then feels."""
     columns = np.zeros((4, motion.n, len(motion)))
     down = np.array(motion.robot.gravity) / np.linalg.norm(motion.robot.gravity)
     # Why these: on a wall one of the first two axes points down, and a turn towards it is none.
