@@ -168,10 +168,16 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
         rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
             [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
     """
-    least = max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0])))
+    step = segment.t[1] - segment.t[0]
+    least, half = (
+        max(1, round(x / step)) for x in (tuning.FRICTION_REST_S, tuning.SPEED_WINDOW_S)
+    )
+    # Why not qd: positions pass far more than torques do, and what the encoder scatters seems to move.
+    q = np.pad(segment.q, ((half, half), (0, 0)), "edge")
+    slow = np.abs(q[2 * half :] - q[: -2 * half]) < 2 * half * step * rest_speed
     usable = segment.usable.copy()
     for j in np.flatnonzero(rest_speed > 0.0):
-        for rest in runs(np.abs(segment.qd[:, j]) < rest_speed[j], least):
+        for rest in runs(slow[:, j], least):
             usable[rest, j] = False
     return replace(segment, usable=usable)
 
