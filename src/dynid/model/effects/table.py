@@ -267,13 +267,13 @@ _ALL = (
     Effect(
         name="torque_crosstalk",
         title="cross-talk from another joint's torque",
-        equation="a tau_rb,k, k another joint",
+        equation="a tau_rb,k + b tau_f,k, k another joint, tau_f its friction",
         signature="the residual of one joint follows the load of another",
         separate="load one joint while the other rests",
-        forms=("tau",),
+        forms=("tau", "total - tau"),
         scope="pair",
         needs_model=True,
-        units={"a": ""},
+        units={"a": "", "b": ""},
     ),
     Effect(
         name="joint_elasticity",
