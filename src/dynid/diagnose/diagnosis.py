@@ -196,11 +196,11 @@ class _Search:
         """Add one edit to each start, and fit those that can be among the best."""
         self.depth += 1
         bounds = {edits: self.search_rank(self.bounds[edits]) for edits in self.more(starts)}
-        # Why one place: a file that explains so much is taken no further, and only what beats it is asked for.
-        count = 1 if self.explains_well else tuning.BEAM
+        # Why: a file that explains so much is taken no further, and only what may beat it is asked for.
+        most = self.search_rank(self.as_written) if self.explains_well else np.inf
         for edits in sorted(bounds, key=bounds.__getitem__):
-            places = sorted(map(self.search_rank, self.found.values()))[:count]
-            if len(places) == count and bounds[edits] > places[-1]:
+            ranks = sorted(map(self.search_rank, self.found.values()))
+            if bounds[edits] > min([most, *ranks[tuning.BEAM - 1 :]]):
                 break
             self.fit(edits)
 

@@ -231,8 +231,6 @@ def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise
     """
     if level is None:
         level = white_noise(log.q)
-    if not np.any(level > per_joint(tuning.POSITION_NOISE, robot)):
-        return None
     cutoffs = np.arange(
         tuning.LOWEST_TRIED_HZ,
         max(0.45 * log.rate, tuning.LOWEST_TRIED_HZ) + tuning.TRIED_STEP_HZ / 2,

@@ -124,12 +124,10 @@ CUTOFF_OVER_MOTION = 5.0
 #: Lowest cut-off chosen from the band alone [Hz]: slow motions have friction reversals as sharp as fast ones.
 #: Evidence: none yet.
 LOWEST_CUTOFF_HZ = 5.0
-#: Noise of the positions that no cut-off is chosen for [rad, m]: finer encoders and slower arms are as they are.
-#: Evidence: none yet.
-POSITION_NOISE = (2e-4, 2e-5)
-#: Share of noise in the accelerations of a joint up to which intervals hold: of LWR logs with 2e-3 rad (benchmarks/
-#: odd_noise.md), 98 % of the true parameters lie within two standard errors at 0.15, 89 % at 0.3 and 83 % at 0.5.
-NOISE_SHARE = 0.12
+#: Share of noise in the accelerations of a joint up to which intervals hold: inertias come out smaller by its square.
+#: Evidence: parameters inside 95 % intervals at 0.12, 0.08, 0.05: 57, 83, 94 % of an arm with 1.6e-4 rad at 1 kHz, 97,
+#: 97, 95 % of one with 1e-4 rad at 100 Hz; unseen errors 1.04, 0.72, 0.55 and 1.2, 1.0, 1.0 %.
+NOISE_SHARE = 0.08
 #: Cut-offs that are tried [Hz]: lower ones would leave next to nothing of any motion. Evidence: none yet.
 LOWEST_TRIED_HZ, TRIED_STEP_HZ = 1.0, 0.25
 
@@ -167,7 +165,7 @@ KEPT_PER_CUTOFF = 4.0
 #: LWR4+ is no longer found.
 KEPT_MORE = 1.2
 #: A joint is at rest when it stays slow for this long [s]; a reversal is shorter. Evidence: none yet.
-FRICTION_REST_S = 0.25
+FRICTION_REST_S = 0.15
 #: Stamps that stray from an even grid by less than this share of the step are taken as even. Evidence: none yet.
 EVEN_STEP = 1e-3
 #: Steps that are added up before they are counted: single ones are too uneven to show how many sample times they are.

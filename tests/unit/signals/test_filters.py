@@ -195,7 +195,7 @@ def test_a_joint_that_creeps_on_a_coarse_encoder_is_as_noisy_as_its_steps():
 
 def test_fast_motion_that_a_coarse_encoder_shows_needs_its_samples():
     with pytest.raises(RateTooLow, match=r"the fastest motion, 4\.5 Hz, needs >= 5\d Hz"):
-        check_rate(swing_of_twelve_bit(4.5, 0.1), robot())
+        check_rate(swing_of_twelve_bit(4.5, 0.2), robot())
 
 
 @pytest.mark.data
