@@ -184,9 +184,9 @@ def check_rate(log: Log, robot: Robot) -> None:
 
 
 def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
-    """Yield finding W327 when positions scatter so much that the cut-off is chosen for it."""
+    """Yield finding W327 when positions scatter so much that even the slowest motions are filtered lower."""
     noise = position_noise(log, robot)
-    if noise is None or (noise.harmless and noise.cutoff >= usual_cutoff(bandwidth(log, robot))):
+    if noise is None or (noise.harmless and noise.cutoff >= tuning.LOWEST_CUTOFF_HZ):
         return
     joint = robot.joints[noise.joint]
     text = (
