@@ -45,6 +45,7 @@ class NoiseModel:
         disturbed: whether repeats show a drift, (n,); not without them.
         count: integrated autocorrelation time of what is not whitened, in rows, (n,); 1 where rows are whitened.
         repeats: seconds of repeated motion it comes from; 0 when it is a lower bound from high frequencies.
+        cutoff: of the parallel filter, in turns per row.
     """
 
     ar: Floats
@@ -53,6 +54,7 @@ class NoiseModel:
     disturbed: Mask
     count: Floats
     repeats: float = 0.0
+    cutoff: float = 0.25
 
     @classmethod
     def white(cls, sigma: Floats) -> NoiseModel:
@@ -71,9 +73,9 @@ class NoiseModel:
 
         A spectrum that only rises or falls, as that of differentiated positions does, has no peak: 1.
         """
-        # In turns per row: rows are kept at four times the cut-off.
         lags = np.arange(1, self.ar.shape[1] + 1)
-        z = np.exp(-2j * np.pi * np.outer(np.linspace(0.02, 0.2, 60), lags))
+        turns = self.cutoff * np.linspace(0.08, 0.8, 60)
+        z = np.exp(-2j * np.pi * np.outer(turns, lags))
         power = 1.0 / np.abs(1.0 - z @ self.ar.T) ** 2
         without_peaks = np.maximum(
             np.minimum.accumulate(power), np.minimum.accumulate(power[::-1])[::-1]
@@ -124,7 +126,8 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
     differences = [_difference(rows, residual, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in differences) / rows.rate
     if seconds >= SHORTEST_REPEAT_S:
-        return _from_repeats(differences, rows.rate, seconds)
+        found = _from_repeats(differences, rows.rate, seconds)
+        return replace(found, cutoff=rows.logs[0].filter.cutoff / rows.rate)
     chosen = [np.flatnonzero(rows.train[part]) + part.start for part in rows.parts]
     parts = [(residual[k], rows.use[k]) for k in chosen if len(k) >= SHORTEST]
     if not parts:
