@@ -195,12 +195,13 @@ class _Search:
     def widen(self, starts: Iterable[tuple[Edit, ...]]) -> None:
         """Add one edit to each start, and fit those that can be among the best."""
         self.depth += 1
-        bounds = {edits: self.search_rank(self.bounds[edits]) for edits in self.more(starts)}
         # Why: a file that explains so much is taken no further, and only what may beat it is asked for.
         most = self.search_rank(self.as_written) if self.explains_well else np.inf
-        for edits in sorted(bounds, key=bounds.__getitem__):
+        for least, edits in sorted(
+            (self.search_rank(self.bounds[x]), x) for x in self.more(starts)
+        ):
             ranks = sorted(map(self.search_rank, self.found.values()))
-            if bounds[edits] > min([most, *ranks[tuning.BEAM - 1 :]]):
+            if least > min([most, *ranks[tuning.BEAM - 1 :]]):
                 break
             self.fit(edits)
 

@@ -126,8 +126,7 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
     differences = [_difference(rows, residual, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in differences) / rows.rate
     if seconds >= SHORTEST_REPEAT_S:
-        found = _from_repeats(differences, rows.rate, seconds)
-        return replace(found, cutoff=rows.logs[0].filter.cutoff / rows.rate)
+        return _from_repeats(differences, rows, seconds)
     chosen = [np.flatnonzero(rows.train[part]) + part.start for part in rows.parts]
     parts = [(residual[k], rows.use[k]) for k in chosen if len(k) >= SHORTEST]
     if not parts:
@@ -145,10 +144,9 @@ def with_steps(noise: NoiseModel, rows: GapRows) -> NoiseModel:
 
     Source: Widrow and Kollar 2008, "Quantization noise", for how noise makes the error of steps white.
     """
-    known = [x.torque_step for x in rows.logs if len(x.torque_step) == len(noise.floor)]
-    if not known or not np.any(known):
+    filters, step = rows.logs[0].filter, np.max([x.torque_step for x in rows.logs], axis=0)
+    if not step.any():
         return noise
-    filters, step = rows.logs[0].filter, np.max(known, axis=0)
     white = min(1.0, 2.0 * filters.cutoff / filters.rate)
     spread = noise.floor / np.sqrt(white) / np.where(step > 0, step, 1.0)
     share = white + (1.0 - white) * np.exp(-2.0 * np.pi**2 * spread**2)
@@ -170,7 +168,9 @@ def _difference(rows: GapRows, residual: Floats, pair: RepeatPair) -> tuple[Floa
     return e, use
 
 
-def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> NoiseModel:
+def _from_repeats(
+    parts: Sequence[tuple[Floats, Mask]], rows: GapRows, seconds: float
+) -> NoiseModel:
     joints = []
     for j in range(parts[0][0].shape[1]):
         own = [(e[:, j], use[:, j]) for e, use in parts]
@@ -184,10 +184,11 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         ar = yule_walker(covariance)
         white = (whitened(e, ar)[use] for e, use in own)
         sigma = np.sqrt(sum(float(w @ w) for w in white) / count)
-        joints.append((ar, sigma, np.sqrt(power / count), _drift(x, rate) > DRIFT))
+        joints.append((ar, sigma, np.sqrt(power / count), _drift(x, rows.rate) > DRIFT))
     ar, sigma, floor, disturbed = map(np.array, zip(*joints, strict=True))
     sigma, floor = np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9)
-    return NoiseModel(ar, sigma, floor, disturbed, np.ones(len(floor)), seconds)
+    cutoff = rows.logs[0].filter.cutoff / rows.rate
+    return NoiseModel(ar, sigma, floor, disturbed, np.ones(len(floor)), seconds, cutoff)
 
 
 def _drift(parts: Sequence[Floats], rate: float) -> float:

@@ -41,7 +41,7 @@ from dynid.signals.filters import (
     under,
     velocity_kernel,
 )
-from dynid.signals.motion import runs
+from dynid.signals.motion import runs, speed
 
 
 @dataclass(frozen=True)
@@ -168,15 +168,11 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
         rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
             [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
     """
-    step = segment.t[1] - segment.t[0]
-    least, half = (
-        max(1, round(x / step)) for x in (tuning.FRICTION_REST_S, tuning.SPEED_WINDOW_S)
-    )
+    least = max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0])))
     # Why not qd: positions pass far more than torques do, and what the encoder scatters seems to move.
-    q = np.pad(segment.q, ((half, half), (0, 0)), "edge")
-    slow = np.abs(q[2 * half :] - q[: -2 * half]) < 2 * half * step * rest_speed
+    slow = np.abs(speed(Log(segment.t, segment.q, segment.tau))) < rest_speed
     usable = segment.usable.copy()
-    for j in np.flatnonzero(rest_speed > 0.0):
+    for j in range(len(rest_speed)):
         for rest in runs(slow[:, j], least):
             usable[rest, j] = False
     return replace(segment, usable=usable)

@@ -5,25 +5,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import twolink
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.candidates import SelectionOptions
 
 
 @pytest.mark.parametrize(
-    ("torque", "name", "sizes"),
+    ("hidden", "key", "sizes"),
     [
-        (lambda t: np.where(t > 27.0, 0.2, 0.0), "offset_step", {"c": 0.2, "since": 27.0}),
-        (lambda t: 0.004 * t, "torque_drift", {"a": 0.004}),
+        (lambda t, *_: 0.2 * (t > 27.0), ("offset_step", (1,)), {"c": 0.2, "since": 27.0}),
+        (lambda t, *_: 0.004 * t, ("torque_drift", (1,)), {"a": 0.004}),
+        (
+            lambda t, *motion: 0.1 * twolink.torque(*motion)[:, 0],
+            ("torque_crosstalk", (1, 0)),
+            {"a": 0.1, "b": 0.1},
+        ),
     ],
 )
-def test_an_offset_that_jumps_is_no_drift(twolinks, on_joint, torque, name, sizes):
-    sources = on_one_clock(twolinks.logs(lambda t, q, qd, qdd: on_joint(1, torque(t))))
-    some = SelectionOptions(("torque_offset", "torque_drift", "offset_step", "spring"))
-    seen = analyse_gap(sources, twolinks.base, None, some)
+def test_a_jump_is_no_drift_and_a_leak_of_all_torque_no_coupling(
+    twolinks, on_joint, hidden, key, sizes
+):
+    sources = on_one_clock(twolinks.logs(lambda *motion: on_joint(1, hidden(*motion))))
+    seen = analyse_gap(sources, twolinks.base, None, SelectionOptions())
     (one,) = seen.named
-    assert (seen.verdict, one.key) == ("named", (name, (1,)))
-    for key, size in sizes.items():
-        assert abs(one.values[key] - size) < 3 * one.std_errors[key] < 0.5 * size
+    assert (seen.verdict, one.key) == ("named", key)
+    for name, size in sizes.items():
+        assert abs(one.values[name] - size) < 3 * one.std_errors[name] < 0.5 * size
 
 
 def test_what_these_logs_cannot_show_is_listed(twolinks):

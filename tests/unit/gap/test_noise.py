@@ -35,6 +35,7 @@ def rows_of(*motions):
     q = np.concatenate(motions)
     return SimpleNamespace(
         rate=RATE,
+        logs=[SimpleNamespace(filter=SimpleNamespace(cutoff=RATE / 4))],
         parts=[slice(*pair) for pair in pairwise(edges.tolist())],
         qd=np.concatenate([np.gradient(each, 1 / RATE, axis=0) for each in motions]),
         use=np.ones(q.shape, dtype=bool),
