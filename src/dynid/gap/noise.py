@@ -74,8 +74,7 @@ class NoiseModel:
         A spectrum that only rises or falls, as that of differentiated positions does, has no peak: 1.
         """
         lags = np.arange(1, self.ar.shape[1] + 1)
-        turns = self.cutoff * np.linspace(0.08, 0.8, 60)
-        z = np.exp(-2j * np.pi * np.outer(turns, lags))
+        z = np.exp(-2j * np.pi * self.cutoff * np.outer(np.linspace(0.08, 0.8, 60), lags))
         power = 1.0 / np.abs(1.0 - z @ self.ar.T) ** 2
         without_peaks = np.maximum(
             np.minimum.accumulate(power), np.minimum.accumulate(power[::-1])[::-1]
@@ -187,8 +186,8 @@ def _from_repeats(
         joints.append((ar, sigma, np.sqrt(power / count), _drift(x, rows.rate) > DRIFT))
     ar, sigma, floor, disturbed = map(np.array, zip(*joints, strict=True))
     sigma, floor = np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9)
-    cutoff = rows.logs[0].filter.cutoff / rows.rate
-    return NoiseModel(ar, sigma, floor, disturbed, np.ones(len(floor)), seconds, cutoff)
+    turns = rows.logs[0].filter.cutoff / rows.rate
+    return NoiseModel(ar, sigma, floor, disturbed, np.ones(len(ar)), seconds, turns)
 
 
 def _drift(parts: Sequence[Floats], rate: float) -> float:

@@ -1,7 +1,5 @@
 """Torques that come late by much more than their slope can say."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -42,10 +40,3 @@ def test_a_delay_of_one_joint_alone_is_none_of_the_recorder(twolinks, old, kept,
 
     new = twolinks.logs(added, plans=(5, 6), first=20)
     assert late_torques(make_problem(new, twolinks.base, kept, old)) == 0.0
-
-
-def test_new_logs_that_are_shorter_than_the_longest_delay_say_nothing(twolinks, old, kept):
-    new = twolinks.logs(plans=(5, 6), repeats=1, first=20, delay=0.2)
-    problem = make_problem(new, twolinks.base, kept, old)
-    problem = replace(problem, every=problem.every.only(~problem.every.is_new))
-    assert late_torques(problem) == 0.0

@@ -67,12 +67,6 @@ def test_base_tilt_is_gravity_turned_towards_a_level_axis(motion, gravity, level
     assert_allclose(1e-3 * column, after - before, atol=1e-8)
 
 
-def test_encoder_offset_is_the_slope_of_the_torque(motion):
-    slope = (torque(motion, moved=1e-6) - torque(motion)) / 1e-6
-    column = CATALOGUE["encoder_offset"].columns(motion, (1,), {})[0].T
-    assert_allclose(column, slope, atol=2e-3)
-
-
 def test_an_encoder_zero_is_exact_at_its_size(motion, model):
     named = EffectSpec("encoder_offset", (model.robot.joint_names[1],), {"offset": 0.12})
     column = checked(named, model.robot).columns(motion, (1,), {})[0].T
