@@ -21,7 +21,7 @@ SAMPLING = 0.3
 PART = 0.9
 #: Chance above which the 95 % interval of an effect holds zero.
 OPEN = 0.05
-#: A shape below so many times the least of its range lies at its end: all wrong ones did within 1.06.
+#: A shape within this factor of an end of its range lies there: all wrong ones did within 1.06.
 AT_END = 1.1
 #: Share of the square of what an effect changes in held-out rows by which it must lower their squared errors: 1 where
 #: it is as large there as where it was found, -1 where it is not there at all. evidence: benchmarks/gap_choices.md,
@@ -79,7 +79,7 @@ def refusal(
         # Presliding of 0.1 to 0.9 mrad looks like a hysteresis of 2.00 mrad on 10 of 11 arms, a dead band like a hump.
         (
             bool(end := at_an_end(search, one)),
-            f"{end} is at the lower end of its range, as of a reversal",
+            f"{end} is at an end of its range, as of another law",
         ),
         # Of all joints together: parameters of all joints move with an effect.
         (
@@ -91,11 +91,12 @@ def refusal(
 
 
 def at_an_end(search: EffectSearch, one: SelectedEffect) -> str:
-    """Return the shape parameter at the lower end of its range, or nothing: there the rows ask for another law."""
-    lows = {name: low for (effect, name), (low, _) in tuning.RANGES.items() if effect == one.name}
-    if "vs" in lows:
-        lows["vs"] *= search.problem.rows.reversal[one.joint] / tuning.SLOW_RAD
-    return next((name for name, low in lows.items() if one.values[name] < AT_END * low), "")
+    """Return the shape parameter at an end of its range, or nothing: there the rows ask for another law."""
+    for (effect, name), (low, high) in tuning.RANGES.items():
+        wide = search.problem.rows.reversal[one.joint] / tuning.SLOW_RAD if name == "vs" else 1.0
+        if effect == one.name and not AT_END * low < one.values[name] / wide < high / AT_END:
+            return name
+    return ""
 
 
 def _louder(search: EffectSearch) -> float:
