@@ -220,10 +220,6 @@ def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> li
 
 
 # ---------------------------------------------------------------- how late the torques are
-#: Rows on either side that the slope of a torque is taken from.
-REACH = 2
-
-
 def estimate_delay(stack: Stack) -> tuple[float, float]:
     """Return the delay that all joints share, positive when the torques are late, and its standard error [s].
 
@@ -232,10 +228,14 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     Args:
         stack: the stacked logs; a rank that is short does no harm.
     """
+    signs = stack.rows.W[:, :, [name.startswith("fc") for name in stack.names]]
+    # Why not those: friction that lags behind its reversals (Dahl, LuGre) is late there alone.
+    turns = np.any((signs != 0.0) & (np.abs(signs) < tuning.TURNED), axis=2)
+    stack = replace(stack, rows=replace(stack.rows, use=stack.rows.use & ~turns))
     fit, rows = stack.first_fit, stack.rows
     whitened = fit.whitened[:-1, :-1]
     length = np.linalg.norm(whitened, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
+    length[length == 0.0] = 1.0
     _, sigma, Vt = np.linalg.svd(whitened / length)
     # Why a basis: directions that the log leaves open would have no covariance.
     basis = Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]].T / length[:, None]
@@ -247,18 +247,14 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     left = replace(rows, tau=rows.tau - delay * later).residual(basis @ arm) / extended.noise**2
     scores = np.vstack([basis.T @ rows.scores(left).T, np.sum(later * left, axis=1)]).T
     covariance = coloured(rows, scores, extended.covariance)
-    variance = widened(rows, extended, covariance)[-1, -1]
-    return float(delay), float(np.sqrt(variance))
+    return float(delay), float(np.sqrt(widened(rows, extended, covariance)[-1, -1]))
 
 
 def _slope(t: Floats, tau: Floats) -> Floats:
     """Return the time derivative of torques, (M, n)."""
-    step = (t[-1] - t[0]) / max(1, len(t) - 1)
-    slope = np.gradient(tau, t, axis=0) if len(t) > 1 else np.zeros_like(tau)
-    if len(t) > 2 * REACH:
-        # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
-        slope[2:-2] = (8 * (tau[3:-1] - tau[1:-3]) - (tau[4:] - tau[:-4])) / (12 * step)
-    return slope
+    # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
+    x = np.pad(tau, ((2, 2), (0, 0)), "reflect", reflect_type="odd")
+    return (8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) * (len(t) - 1) / (12 * np.ptp(t) or 1.0)
 
 
 def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:

@@ -143,11 +143,6 @@ class Noise:
     cutoff: float
     share: float
 
-    @property
-    def harmless(self) -> bool:
-        """Whether intervals hold at ``cutoff``."""
-        return self.share <= tuning.NOISE_SHARE
-
 
 def usual_cutoff(band: float) -> float:
     """Return the cut-off that a motion of some band asks for [Hz]."""
@@ -186,14 +181,14 @@ def check_rate(log: Log, robot: Robot) -> None:
 def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
     """Yield finding W327 when positions scatter so much that even the slowest motions are filtered lower."""
     noise = position_noise(log, robot)
-    if noise is None or (noise.harmless and noise.cutoff >= tuning.LOWEST_CUTOFF_HZ):
+    if noise is None or noise.cutoff >= tuning.LOWEST_CUTOFF_HZ:
         return
     joint = robot.joints[noise.joint]
     text = (
         "parameters are biased by it and their intervals are too narrow; record the commanded positions "
         "too (--method iv), or use a finer encoder"
     )
-    if noise.harmless:
+    if noise.share <= tuning.NOISE_SHARE:
         text = (
             f"everything is filtered at {noise.cutoff:.3g} Hz, where it is still {100 * noise.share:.2g} % of "
             "the accelerations. Intervals of physically consistent parameters allow for that; those of least squares "
@@ -236,15 +231,15 @@ def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise
         max(0.45 * log.rate, tuning.LOWEST_TRIED_HZ) + tuning.TRIED_STEP_HZ / 2,
         tuning.TRIED_STEP_HZ,
     )
-    share, span = _shares(log, level, cutoffs), np.ptp(log.q, axis=0)
+    span = np.ptp(log.q, axis=0)
     moves = span > np.minimum(per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t), 20 * level)
     if not moves.any():
         return None
-    worst = np.where(moves, share, 0.0).max(axis=1)
+    share = np.where(moves, _shares(log, level, cutoffs), 0.0)
+    worst = share.max(axis=1)
     quiet = np.flatnonzero(worst <= tuning.NOISE_SHARE)
     best = int(quiet[-1]) if len(quiet) else int(np.argmin(worst))
-    joint = int(np.argmax(np.where(moves, share[best], 0.0)))
-    return Noise(level, joint, float(cutoffs[best]), float(worst[best]))
+    return Noise(level, int(np.argmax(share[best])), float(cutoffs[best]), float(worst[best]))
 
 
 def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
