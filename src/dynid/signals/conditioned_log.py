@@ -168,13 +168,14 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
         rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
             [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
     """
-    least = max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0])))
     # Why not qd: positions pass far more than torques do, and what the encoder scatters seems to move.
-    slow = np.abs(speed(Log(segment.t, segment.q, segment.tau))) < rest_speed
-    usable = segment.usable.copy()
-    for j in range(len(rest_speed)):
-        for rest in runs(slow[:, j], least):
-            usable[rest, j] = False
+    speeds = np.abs(speed(Log(segment.t, segment.q, segment.tau)))
+    usable, step = segment.usable.copy(), segment.t[1] - segment.t[0]
+    for share in tuning.SHORT_RESTS:
+        least = max(1, round(share * tuning.FRICTION_REST_S / step))
+        for j, slow in enumerate((speeds < share * rest_speed).T):
+            for rest in runs(slow, least):
+                usable[rest, j] = False
     return replace(segment, usable=usable)
 
 

@@ -167,6 +167,8 @@ KEPT_MORE = 1.2
 #: A joint is at rest when it stays slow for this long [s]; a reversal is shorter. Evidence: with 0.15 the UR10 is
 #: predicted 23 and 34 % worse (its slow reversals are gone), and short stops of a simulated arm to 0.6 instead of 7 %.
 FRICTION_REST_S = 0.25
+#: Or stays that much slower for that much shorter: a reversal is as slow for as long at the same acceleration.
+SHORT_RESTS = (0.4, 1.0)
 #: Stamps that stray from an even grid by less than this share of the step are taken as even. Evidence: none yet.
 EVEN_STEP = 1e-3
 #: Steps that are added up before they are counted: single ones are too uneven to show how many sample times they are.
