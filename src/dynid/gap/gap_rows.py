@@ -8,7 +8,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_opening
 
 from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation.rows import parallel_filtered, rows_of
@@ -20,10 +19,6 @@ from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effec
 
 #: Columns of one effect by joint, such as {joint: (k, M)}.
 EffectColumns = dict[int, Floats]
-
-#: Below this speed for longer than ``DWELL_SECONDS`` a joint rests; its friction is then undetermined, and the rows
-#: are left out with ``DWELL_SECONDS`` around them [rad/s, s].
-REST_SPEED, DWELL_SECONDS = 0.012, 0.25
 
 
 @dataclass(frozen=True)
@@ -166,7 +161,7 @@ def gap_rows(
                         "part": np.full(count, len(parts)),
                         "W": rows.W,
                         "tau": rows.tau,
-                        "use": rows.use & moving(qd, log.filter.kept_rate),
+                        "use": rows.use,
                         "stamp": rows.t,
                         "t": rows.t - segment.t[0] + segment.elapsed[0],
                         "q": q,
@@ -195,10 +190,3 @@ def on_joint(columns: EffectColumns, joint: int, count: int) -> Floats:
     """Return the columns of an effect on one joint, zeros where it does not act there, (k, count)."""
     some = next(iter(columns.values()))
     return columns.get(joint, np.zeros((len(some), count)))
-
-
-def moving(qd: Floats, rate: float) -> Mask:
-    """Return which rows are not part of a rest, (M, n)."""
-    width = max(1, round(DWELL_SECONDS * rate))
-    rests = binary_opening(np.abs(qd) < REST_SPEED, np.ones((width + 1, 1)))
-    return ~binary_dilation(rests, np.ones((2 * width + 1, 1)))

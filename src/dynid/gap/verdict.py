@@ -19,7 +19,8 @@ from dynid.model.effects.motion import Joints
 SAMPLING = 0.3
 #: Share of its joint's gap below which an effect is told as a part of it.
 PART = 0.9
-#: Chance above which the 99 % interval of an effect holds zero: of 170 cases two names lay between 0.01 and 0.05, both wrong.
+#: Chance above which the 99 % interval of an effect holds zero: of 170 cases two names lay between 0.01 and 0.05, both
+#: wrong.
 OPEN = 0.01
 #: A shape within this factor of an end of its range lies there: all wrong ones did within 1.06.
 AT_END = 1.1

@@ -3,7 +3,6 @@
 import numpy as np
 
 import twolink
-from dynid.gap.gap_rows import DWELL_SECONDS, moving
 
 
 def test_rows_hold_the_law_of_the_arm(clean, twolinks):
@@ -22,17 +21,6 @@ def test_rows_hold_the_law_of_the_arm(clean, twolinks):
     left = rows.tau - rows.W @ theta
     for part in rows.parts:
         assert np.sqrt(np.mean(left[part][rows.use[part].all(axis=1)] ** 2)) < 0.06
-
-
-def test_a_rest_does_not_count_and_neither_does_what_is_next_to_it():
-    rate = 25.0
-    qd = np.ones((500, 2))
-    qd[100:200, 0] = 0.001
-    qd[300:303, 1] = 0.001
-    mask = moving(qd, rate)
-    around = round(DWELL_SECONDS * rate)
-    assert np.flatnonzero(~mask[:, 0]).tolist() == list(range(100 - around, 200 + around))
-    assert mask[:, 1].all(), "a reversal is no rest"
 
 
 def test_signals_are_filtered_as_the_torques_are(clean):
