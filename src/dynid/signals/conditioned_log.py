@@ -364,7 +364,8 @@ def condition_logs(
         where = each.path or found[-1].name
         stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
         notice(each.findings)
-    how, chosen = "from the motion's band and the encoders' noise; " if options.cutoff is None else "", found[0].filter
+    how = "from motion and encoder noise; " if options.cutoff is None else ""
+    chosen = found[0].filter
     stage(
         "filter",
         f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}positions at "
