@@ -19,8 +19,8 @@ from dynid.model.effects.motion import Joints
 SAMPLING = 0.3
 #: Share of its joint's gap below which an effect is told as a part of it.
 PART = 0.9
-#: Chance above which the 95 % interval of an effect holds zero. Evidence: 99 % takes no wrong name of 150 cases, and the
-#: friction of joint 7 of the LWR4+ with it: on another motion joint 3 is 16 % worse then, instead of 4 %.
+#: Chance above which the 95 % interval of an effect holds zero. Evidence: 99 % takes no wrong name of 150 cases, but
+#: the friction of joint 7 of the LWR4+: on another motion joint 3 is 16 % worse then, instead of 4 %.
 OPEN = 0.05
 #: A shape within this factor of an end of its range lies there: all wrong ones did within 1.06.
 AT_END = 1.1
