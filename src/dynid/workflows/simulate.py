@@ -140,10 +140,10 @@ def _effect_torque(
         some = joint_indices(robot.joint_names, ",".join(spec.joints), "--effect")
         named = replace(spec, joints=tuple(robot.joint_names[k] for k in some))
         for one in added_effects(replace(robot, effects=(named,))):
-            names = one.effect.amplitudes(one.shape)
-            if missing := ", ".join(name for name in names if name not in named.parameters):
-                raise WrongUsage(f"--effect: {spec.effect} needs parameters {missing}", fix=LISTED)
-            sizes = [named.parameters[name] for name in names]
+            names = ", ".join(amplitudes := one.effect.amplitudes(one.shape))
+            sizes = [named.parameters.get(name, 0.0) for name in amplitudes]
+            if not any(sizes):
+                raise WrongUsage(f"--effect: {spec.effect} needs one of {names}", fix=LISTED)
             columns = one.effect.columns(path, one.joints, one.shape)
             torque[:, list(one.rows)] += np.tensordot(sizes, columns, axes=1).T
     return torque
