@@ -246,20 +246,6 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     return float(delay), float(np.sqrt(widened(rows, extended, covariance)[-1, -1]))
 
 
-def sure_delay(stack: Stack) -> tuple[float, float]:
-    """Return how late all rows and those away from reversals are at least, and its standard error [s].
-
-    Friction that lags behind its reversals (Dahl, LuGre) is late there alone; what the model lacks elsewhere is, too.
-    """
-    found = estimate_delay(stack)
-    if abs(found[0]) < tuning.DELAY_CLEAR_ERRORS * found[1]:
-        return found
-    signs = stack.rows.W[:, :, [name.startswith("fc") for name in stack.names]]
-    turns = np.any((signs != 0.0) & (np.abs(signs) < tuning.TURNED), axis=2)
-    away = replace(stack, rows=replace(stack.rows, use=stack.rows.use & ~turns))
-    return min(found, estimate_delay(away), key=lambda each: abs(each[0]))
-
-
 def _slope(t: Floats, tau: Floats) -> Floats:
     """Return the time derivative of torques, (M, n)."""
     # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
@@ -278,7 +264,7 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
     """
     logs = stack.logs
     reach = 1.0 / logs[0].filter.kept_rate
-    (delay, std_error), applied = sure_delay(stack), 0.0
+    (delay, std_error), applied = estimate_delay(stack), 0.0
     # Why not beyond: there a slope is no shift any more, and its error is not to be trusted.
     clear = max(tuning.DELAY_SETTLED_S, tuning.DELAY_CLEAR_ERRORS * std_error) < abs(delay) < reach
     for _ in range(tuning.DELAY_ROUNDS if clear else 0):
@@ -286,7 +272,7 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
         stack = settled(
             stack.restacked([torques_moved_back(log, stack.base.model, applied) for log in logs])
         )
-        left, std_error = sure_delay(stack)
+        left, std_error = estimate_delay(stack)
         delay = applied + left
         if abs(delay - applied) < tuning.DELAY_SETTLED_S:
             break

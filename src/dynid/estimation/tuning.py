@@ -25,10 +25,6 @@ REVERSAL = 0.15
 #: estimate moves with the cut-off and held-out rows gain nothing; a simulated delay of 2 ms on top reaches 12 to 30.
 #: evidence: those figures.
 DELAY_CLEAR_ERRORS = 4.0
-#: Filtered Coulomb sign, 0 to 1, up to which a joint is still turning. Evidence: with all rows five of ten simulated
-#: arms whose friction lags by less than a millirad had delays of 0.5 to 3.7 ms, with these 0.4 at most; with 0.98 to
-#: 0.9995 they differ by less than 0.2 ms.
-TURNED = 0.98
 #: Up to this a delay is corrected without a warning [s]: within the half sample that a controller holds its torque.
 #: evidence: none yet.
 DELAY_SAID_S = 2e-3
