@@ -183,7 +183,7 @@ class _Search:
     def more(self, starts: Iterable[tuple[Edit, ...]]) -> list[tuple[Edit, ...]]:
         """Return what has one edit more than a start and is not fitted yet, with what it leaves at least found out."""
         tried = (with_one_more(start, edit) for start in starts for edit in self.single)
-        # Why in this order: equally good ones are tried as they were written, in every run.
+        # Why no set: equally good ones are tried in the same order in every run.
         more = [edits for edits in dict.fromkeys(tried) if edits and edits not in self.found]
         new = [edits for edits in more if edits not in self.bounds]
         # Why together: their columns are much the same.

@@ -80,7 +80,7 @@ def refusal(
         # Presliding of 0.1 to 0.9 mrad looks like a hysteresis of 2.00 mrad on 10 of 11 arms, a dead band like a hump.
         (
             bool(end := at_an_end(search, one)),
-            f"{end} is at an end of its range, as of another law",
+            f"{end} is at an end of its range: it may stand for another law",
         ),
         # Of all joints together: parameters of all joints move with an effect.
         (

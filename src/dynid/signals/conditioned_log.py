@@ -166,12 +166,13 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     Args:
         segment: conditioned motion.
         rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
-            [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
+            [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S``, or than a share of it
+            for that share of the time, are not usable.
     """
     # Why not qd: positions pass far more than torques do, and what the encoder scatters seems to move.
     speeds = np.abs(speed(Log(segment.t, segment.q, segment.tau)))
     usable, step = segment.usable.copy(), segment.t[1] - segment.t[0]
-    for share in tuning.SHORT_RESTS:
+    for share in tuning.REST_SHARES:
         least = max(1, round(share * tuning.FRICTION_REST_S / step))
         for j, slow in enumerate((speeds < share * rest_speed).T):
             for rest in runs(slow, least):

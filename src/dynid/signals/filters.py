@@ -151,8 +151,7 @@ def usual_cutoff(band: float) -> float:
 
 def choose_cutoff(logs: Sequence[Log], robot: Robot) -> float:
     """Return one cut-off for several logs [Hz]: what the fastest motion asks for and the noisiest positions allow."""
-    noises = [position_noise(log, robot) for log in logs]
-    allowed = [noise.cutoff for noise in noises if noise is not None]
+    allowed = [position_noise(log, robot).cutoff for log in logs]
     return min([usual_cutoff(max(bandwidth(log, robot) for log in logs)), *allowed])
 
 
@@ -163,9 +162,10 @@ def check_rate(log: Log, robot: Robot) -> None:
         RateTooLow: its fix says how the driver publishes faster.
     """
     fastest = bandwidth(log, robot)
-    cutoff, noise = usual_cutoff(fastest), position_noise(log, robot, encoder_noise(log.q))
+    cutoff = usual_cutoff(fastest)
     # Why: what the steps of the encoder hide is filtered away, and needs no samples.
-    cutoff = cutoff if noise is None else min(cutoff, noise.cutoff)
+    if log.rate < tuning.SAMPLES_PER_CUTOFF * cutoff:
+        cutoff = min(cutoff, position_noise(log, robot, encoder_noise(log.q)).cutoff)
     needed = max(tuning.LEAST_RATE_HZ, tuning.SAMPLES_PER_CUTOFF * cutoff)
     if fastest and log.rate < needed:
         if fastest > tuning.JUMPS * log.rate:
@@ -179,9 +179,9 @@ def check_rate(log: Log, robot: Robot) -> None:
 
 
 def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
-    """Yield finding W327 when positions scatter so much that even the slowest motions are filtered lower."""
+    """Yield finding W327 when positions scatter so much that the cut-off is below that of a slow motion."""
     noise = position_noise(log, robot)
-    if noise is None or noise.cutoff >= tuning.LOWEST_CUTOFF_HZ:
+    if noise.cutoff >= tuning.LOWEST_CUTOFF_HZ:
         return
     joint = robot.joints[noise.joint]
     text = (
@@ -215,8 +215,8 @@ def encoder_noise(q: Floats) -> Floats:
     return np.nan_to_num(step, posinf=0.0) / 12**0.5
 
 
-def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise | None:
-    """Return the noise of the positions where it is large enough for a cut-off of its own, else None.
+def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise:
+    """Return the noise of the positions, and the cut-off that it allows to joints that move.
 
     Args:
         log: a prepared log.
@@ -233,8 +233,6 @@ def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise
     )
     span = np.ptp(log.q, axis=0)
     moves = span > np.minimum(per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t), 20 * level)
-    if not moves.any():
-        return None
     share = np.where(moves, _shares(log, level, cutoffs), 0.0)
     worst = share.max(axis=1)
     quiet = np.flatnonzero(worst <= tuning.NOISE_SHARE)

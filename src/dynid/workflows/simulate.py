@@ -128,7 +128,7 @@ def _effect_torque(
     """Return the torque of effects along a motion, (N, n) [N m or N].
 
     Raises:
-        WrongUsage: a parameter of an effect is missing.
+        WrongUsage: an effect has no amplitude, or a number that it does not take.
         WrongRobotFile: there is no such effect.
     """
     states, rigid = (motion.t, motion.q, motion.qd, motion.qdd), replace(robot, effects=())
@@ -140,10 +140,11 @@ def _effect_torque(
         some = joint_indices(robot.joint_names, ",".join(spec.joints), "--effect")
         named = replace(spec, joints=tuple(robot.joint_names[k] for k in some))
         for one in added_effects(replace(robot, effects=(named,))):
-            names = ", ".join(amplitudes := one.effect.amplitudes(one.shape))
-            sizes = [named.parameters.get(name, 0.0) for name in amplitudes]
-            if not any(sizes):
-                raise WrongUsage(f"--effect: {spec.effect} needs one of {names}", fix=LISTED)
+            amplitudes, given = one.effect.amplitudes(one.shape), named.parameters
+            known = [*amplitudes, *one.shape]
+            if amplitudes.keys().isdisjoint(given) or set(given).difference(known):
+                raise WrongUsage(f"--effect: {spec.effect} takes {', '.join(known)}", fix=LISTED)
+            sizes = [given.get(name, 0.0) for name in amplitudes]
             columns = one.effect.columns(path, one.joints, one.shape)
             torque[:, list(one.rows)] += np.tensordot(sizes, columns, axes=1).T
     return torque

@@ -25,8 +25,8 @@ from dynid.gap.candidates import SelectionOptions
 def test_a_jump_is_no_drift_and_a_leak_of_all_torque_no_coupling(
     twolinks, on_joint, hidden, key, sizes
 ):
-    sources = on_one_clock(twolinks.logs(lambda *motion: on_joint(1, hidden(*motion))))
-    seen = analyse_gap(sources, twolinks.base, None, SelectionOptions())
+    logs = on_one_clock(twolinks.logs(lambda *motion: on_joint(1, hidden(*motion))))
+    seen = analyse_gap(logs, twolinks.base, None, SelectionOptions())
     (one,) = seen.named
     assert (seen.verdict, one.key) == ("named", key)
     for name, size in sizes.items():

@@ -1,5 +1,7 @@
 """Torques that come late by much more than their slope can say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,9 @@ def test_a_delay_of_one_joint_alone_is_none_of_the_recorder(twolinks, old, kept,
 
     new = twolinks.logs(added, plans=(5, 6), first=20)
     assert late_torques(make_problem(new, twolinks.base, kept, old)) == 0.0
+
+
+def test_new_logs_that_are_shorter_than_the_longest_delay_say_nothing(twolinks, old, kept):
+    problem = make_problem(twolinks.logs(plans=(5,), delay=0.2), twolinks.base, kept, old)
+    late = replace(problem, every=problem.every.only(~problem.every.is_new))
+    assert late_torques(late) == 0.0

@@ -73,15 +73,20 @@ def test_periods_within_one_recording_are_repeats():
     assert periods == pytest.approx(round(periods), abs=1e-3)
 
 
+T = np.arange(4000) / RATE
+
+
+def noise_of(residuals):
+    """Return the noise of a motion that is driven twice."""
+    q = motion(T)
+    return measure_noise(rows_of(q, q), np.concatenate([*residuals]), [RepeatPair(0, 1, 0.0)])
+
+
 def test_repeats_show_the_noise_and_not_what_repeats():
-    rng = np.random.default_rng(2)
-    t = np.arange(4000) / RATE
-    q = motion(t)
-    same = 5 * np.sin(3 * q)
-    residuals = [
-        same + 0.1 * np.stack([coloured(rng, len(t)) for _ in range(2)], axis=1) for _ in range(2)
-    ]
-    noise = measure_noise(rows_of(q, q), np.concatenate(residuals), [RepeatPair(0, 1, 0.0)])
+    rng, same = np.random.default_rng(2), 5 * np.sin(3 * motion(T))
+    noise = noise_of(
+        same + 0.1 * np.stack([coloured(rng, len(T)) for _ in range(2)], axis=1) for _ in range(2)
+    )
     np.testing.assert_allclose(noise.sigma, 0.1, rtol=0.05)
     assert noise.unrepeatable == []
 
@@ -93,19 +98,17 @@ def test_a_log_without_usable_rows_is_refused():
 
 def test_a_contact_in_one_repeat_is_called_unrepeatable():
     rng = np.random.default_rng(3)
-    t = np.arange(4000) / RATE
-    q = motion(t)
     residuals = [0.1 * rng.normal(size=(4000, 2)) for _ in range(2)]
-    residuals[1][:, 0] += 2 * np.exp(-(((t - 40) / 0.4) ** 2))
-    noise = measure_noise(rows_of(q, q), np.concatenate(residuals), [RepeatPair(0, 1, 0.0)])
-    assert noise.unrepeatable == [0]
+    residuals[1][:, 0] += 2 * np.exp(-(((T - 40) / 0.4) ** 2))
+    assert noise_of(residuals).unrepeatable == [0]
 
 
 def test_rows_tell_the_same_as_long_as_they_go_on():
     rng = np.random.default_rng(2)
     assert autocorrelation_time([rng.normal(size=40_000)]) == pytest.approx(1.0, abs=0.1)
     slow = np.repeat(rng.normal(size=4_000), 10)
-    assert autocorrelation_time([slow]) == pytest.approx(10.0, rel=0.1)
+    for some in ([slow], [7 * slow[:20_000], 7 * slow[20_000:]]):
+        assert autocorrelation_time(some) == pytest.approx(10.0, rel=0.1)
 
 
 def test_a_spectrum_that_rises_with_the_frequency_does_not_ring_and_a_resonance_does():

@@ -67,11 +67,12 @@ def test_base_tilt_is_gravity_turned_towards_a_level_axis(motion, gravity, level
     assert_allclose(1e-3 * column, after - before, atol=1e-8)
 
 
-def test_an_encoder_zero_is_exact_at_its_size(motion, model):
-    named = EffectSpec("encoder_offset", (model.robot.joint_names[1],), {"offset": 0.12})
+@pytest.mark.parametrize("size", [1e-6, 0.12])
+def test_an_encoder_zero_is_exact_at_its_size(motion, model, size):
+    named = EffectSpec("encoder_offset", (model.robot.joint_names[1],), {"offset": size})
     column = checked(named, model.robot).columns(motion, (1,), {})[0].T
-    change = torque(motion, moved=0.12) - torque(motion)
-    assert_allclose(0.12 * column, change, atol=1e-8)
+    change = torque(motion, moved=size) - torque(motion)
+    assert_allclose(size * column, change, atol=1e-8)
 
 
 def test_a_bent_joint_is_nearly_exact_at_its_size():

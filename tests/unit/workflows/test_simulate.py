@@ -80,7 +80,8 @@ def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion, bare):
     [
         ("viscous@2:fv", "."),
         ("viscous@2:fv=much", "."),
-        ("viscous@2", "."),
+        ("viscous@2", "takes fv"),
+        ("tool_force:x=1,yy=2", "takes x, y, z"),
         ("sprign@2:k1=3", "did you mean 'spring'"),
     ],
 )
