@@ -260,6 +260,7 @@ class Coulomb:
     shape: str
     velocity: tuple[float, ...]
     interval: tuple[tuple[float, float], ...] = ()
+    distance: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -235,8 +235,7 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     _, sigma, Vt = np.linalg.svd(whitened / length)
     # Why a basis: directions that the log leaves open would have no covariance.
     basis = Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]].T / length[:, None]
-    tau = rows.torque(fit.theta)
-    later = -np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
+    later = -slopes(rows, fit.theta)
     of_delay, of_arm, right = np.split(rows.factors(None, later[:, :, None]), [1, -1], axis=2)
     extended = weighted(np.concatenate([of_arm @ basis, of_delay, right], axis=2), rows.counts)
     *arm, delay = extended.theta
@@ -244,6 +243,12 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     scores = np.vstack([basis.T @ rows.scores(left).T, np.sum(later * left, axis=1)]).T
     covariance = coloured(rows, scores, extended.covariance)
     return float(delay), float(np.sqrt(widened(rows, extended, covariance)[-1, -1]))
+
+
+def slopes(rows: Rows, theta: Floats) -> Floats:
+    """Return the time derivative of what base parameters, (p,), predict, (M, n) [N m/s or N/s]."""
+    tau = rows.torque(theta)
+    return np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
 
 
 def _slope(t: Floats, tau: Floats) -> Floats:

@@ -21,7 +21,7 @@ from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, located
 from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
-from dynid.model.effects.friction import coulomb_sign
+from dynid.model.effects.friction import after_distance, coulomb_sign
 from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.regressor import Model, ModelTorques, prior_vector
 from dynid.options import LogOptions
@@ -207,7 +207,12 @@ def signs_of_shapes(
             kernel = velocity_kernel(cutoff, chosen.rate, measured=measured)
             v = under(kernel, x[: None if count is None else count + len(kernel), j])[:count]
             # Why one by one: the signs of all shapes take many times the memory of the log.
-            each = (coulomb_sign(v, shape, j)[None] for shape in shapes)
+            each = (
+                after_distance(coulomb_sign(v, shape, j), v / chosen.rate, shape.distance[j])[None]
+                if shape.distance
+                else coulomb_sign(v, shape, j)[None]
+                for shape in shapes
+            )
             signs.append([decimate(sign, kernels, step)[0, 0] for sign in each])
         found.append(np.array(signs).transpose(2, 0, 1))
     return found

@@ -201,10 +201,10 @@ def observe(
     stack = settled(stack)
     delay: tuple[float, float] | None = None
     late: Sequence[Finding] = ()
-    if options.delay is None:
-        stack, delay, late = on_time(stack)
     if base.robot.coulomb is None and base.robot.estimated_coulomb is None:
         stack = with_estimated_step(stack, checked)
+    if options.delay is None:
+        stack, delay, late = on_time(stack)
     return Observations(stack, delay, (*noticed, *late, *few, *copies), tuple(given))
 
 

@@ -32,6 +32,27 @@ def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
     return np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
 
 
+def after_distance(sign: Floats, moved: Floats, distance: float) -> Floats:
+    """Return a sign that follows another one over the distance that a joint moves (Dahl), (N,).
+
+    Args:
+        sign: what it tends to, (N,).
+        moved: by how much the joint moved at each sample, (N,) [rad or m].
+        distance: within which it follows, 0 for at once [rad or m].
+    """
+    if not distance:
+        return sign
+    kept = np.exp(-np.abs(moved) / distance)
+    found, kept[0], back = (1.0 - kept) * sign, 0.0, 1
+    # Why doubled: z_k = kept_k z_(k - 1) + ... is a chain of linear maps, and those of ever more samples are composed.
+    while kept.max() > 1e-6:
+        found[back:] += kept[back:] * found[:-back]
+        kept[back:] *= kept[:-back].copy()
+        kept[:back] = 0.0
+        back *= 2
+    return found
+
+
 def sign_of(motion: ArmMotion, joint: int) -> Floats:
     """Return the Coulomb sign of one joint (0-based), (N,)."""
     if motion.coulomb_sign.size:
