@@ -17,7 +17,7 @@ from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import autocorrelation_time
 from dynid.estimation.rows import joined, parallel_filtered, rows_of
-from dynid.estimation.stack import Stack, settled, _slope
+from dynid.estimation.stack import Stack, _slope, settled
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.robot import Coulomb

@@ -140,13 +140,12 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 
 # ---------------------------------------------------------------- evaluation
-def rows_of(log: ConditionedLog, observer: Observer, *, reversals: bool = True) -> Rows:
+def rows_of(log: ConditionedLog, observer: Observer) -> Rows:
     """Return the filtered rows of one log.
 
     Args:
         log: the conditioned log.
         observer: the columns to evaluate.
-        reversals: count rows at velocity reversals, too.
     """
     chosen, counts, t = log.filter, _counts(log), row_times(log)
     edges, together = np.cumsum([0, *counts]), np.ones_like(chosen.second_kernel)
@@ -155,10 +154,6 @@ def rows_of(log: ConditionedLog, observer: Observer, *, reversals: bool = True) 
         for _, part in pieces(log)
     ]
     use = np.concatenate(lost, axis=1).T < 0.5
-    for segment, ends in zip(log.segments, pairwise(edges), strict=True):
-        if not reversals and segment.coulomb_sign.size:
-            at, times = slice(*ends), reversal_times(segment, chosen.position_cutoff)
-            use[at] &= np.array([_far(t[at], each, chosen.cutoff) for each in times]).T
     return replace(
         Rows.of(regressor_of(log, observer), at_rows(log, lambda part: part.tau.T), t),
         use=use,
@@ -253,32 +248,6 @@ def _blocks(counts: Sequence[int], chosen: Filter) -> Ints:
         numbers.append(first + np.searchsorted(edges, np.arange(count), side="right") - 1)
         first += len(edges) - 1
     return np.concatenate(numbers)
-
-
-def _far(t: Floats, times: Floats, cutoff: float) -> Mask:
-    """Return which rows are far from all reversals of a joint, (M,)."""
-    ends = np.r_[-np.inf, times, np.inf]
-    after = np.searchsorted(times, t)
-    nearest = np.minimum(t - ends[after], ends[after + 1] - t)
-    return nearest >= tuning.REVERSAL / cutoff
-
-
-def reversal_times(segment: Segment, cutoff: float) -> list[Floats]:
-    """Return when each joint reverses, n arrays (k,) [s]; several within a period of the cut-off count as one.
-
-    Args:
-        segment: conditioned motion with Coulomb signs.
-        cutoff: cut-off frequency of the position filter [Hz].
-    """
-    reversals = []
-    for sign in segment.coulomb_sign.T:
-        k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
-        times = segment.t[k] + sign[k] / (sign[k] - sign[k + 1]) * np.diff(segment.t)[k]
-        first = np.flatnonzero(np.diff(times, prepend=-np.inf) > 1.0 / cutoff)
-        if len(times):
-            times = np.add.reduceat(times, first) / np.diff(first, append=len(times))
-        reversals.append(times)
-    return reversals
 
 
 def robust_noise(rows: Rows, theta: Floats) -> Floats:

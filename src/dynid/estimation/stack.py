@@ -184,8 +184,8 @@ def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
 
 
 def _rows_of_logs(logs: Sequence[ConditionedLog], observer: Observer) -> Rows:
-    """Return the rows of logs, without those at velocity reversals."""
-    parts = (rows_of(log, observer, reversals=False) for log in logs)
+    """Return the rows of logs, one after the other."""
+    parts = (rows_of(log, observer) for log in logs)
     return joined([replace(rows, log=rows.log + k) for k, rows in enumerate(parts)])
 
 

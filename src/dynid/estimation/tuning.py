@@ -16,10 +16,6 @@ ROWS_EVALUATED = 4096
 #: evidence: none yet.
 SCALED_ROUNDS = 3
 
-# ---------------------------------------------------------------- velocity reversals
-#: Rows so near a reversal of their joint are not fitted [periods of the cut-off]. Evidence: choices.md.
-REVERSAL = 0.15
-
 # ---------------------------------------------------------------- delay of the torques
 #: A delay is corrected when it is this many standard errors from zero. Real arms without a known delay reach 2.8, their
 #: estimate moves with the cut-off and held-out rows gain nothing; a simulated delay of 2 ms on top reaches 12 to 30.
