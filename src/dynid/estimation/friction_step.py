@@ -25,7 +25,7 @@ from dynid.signals.conditioned_log import signs_of_shapes, with_effects
 
 #: Velocities that are tried, in usual ones; the least is a step for what logs can tell, 0.3 to 30 mrad/s.
 WIDTHS = np.geomspace(0.03, 3.0, 13)
-#: Distances that are tried [s at the usual velocity], none to 2 mrad, and even steps of their logarithm from 0.1 mrad on.
+#: Distances that are tried [s at the usual velocity], none to 2 mrad in even steps of their logarithm from 0.1 mrad on.
 EVEN = np.linspace(0.0, np.log(21.0), 7)
 DISTANCES = 0.01 * np.expm1(EVEN)
 #: Of each part of a log without gaps this much is looked at [s]: hundreds of reversals tell both.
