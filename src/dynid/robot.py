@@ -255,6 +255,7 @@ class Coulomb:
         shape: ``"smooth"``, tanh(qd / velocity), or ``"threshold"``, the paper's Eq. 7: zero below the velocity.
         velocity: velocity of each joint [rad/s or m/s].
         interval: 95 % interval of each velocity where they were estimated from logs; none where a file says them.
+        distance: motion of each joint over which friction follows its sign (Dahl) where it was estimated [rad or m].
     """
 
     shape: str

@@ -217,22 +217,13 @@ class Identification(Identified, Judged):
             row["std_error"] = None if error is None else float(f"{error:.2g}")
             row["terms"] = {name: float(f"{factor:.10g}") for name, factor in row["terms"].items()}
             row["prior"] = None if row["prior"] is None else float(f"{row['prior']:.6g}")
-        coulomb = self.robot.coulomb_shape
         document = {
             "schema": TABLE,
             "robot": self.robot.name,
             "logs_sha256": list(self.log_sha256),
             "method": self.method,
             "cutoff_hz": float(f"{self.cutoff:.6g}"),
-            "coulomb": {
-                "shape": coulomb.shape,
-                "velocity": list(coulomb.velocity),
-                **(
-                    {"interval": [list(each) for each in coulomb.interval]}
-                    if coulomb.interval
-                    else {}
-                ),
-            },
+            "coulomb": {key: x for key, x in asdict(self.robot.coulomb_shape).items() if x},
             "relative_error_percent": float(f"{self.relative_error_percent:.4g}"),
             "parameters": rows,
             "not_identifiable": list(self.reduction.none),

@@ -148,7 +148,7 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Rows:
         observer: the columns to evaluate.
     """
     chosen, counts, t = log.filter, _counts(log), row_times(log)
-    edges, together = np.cumsum([0, *counts]), np.ones_like(chosen.second_kernel)
+    together = np.ones_like(chosen.second_kernel)
     lost = [
         decimate(np.where(part.usable.T, 0.0, 1.0), together, chosen.second_step)[0]
         for _, part in pieces(log)
@@ -158,7 +158,7 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Rows:
         Rows.of(regressor_of(log, observer), at_rows(log, lambda part: part.tau.T), t),
         use=use,
         block=_blocks(counts, chosen),
-        begins=np.isin(np.arange(len(t)), edges),
+        begins=np.isin(np.arange(len(t)), np.cumsum([0, *counts])),
         cutoff=chosen.cutoff,
     )
 

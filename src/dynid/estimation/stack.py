@@ -235,7 +235,7 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     _, sigma, Vt = np.linalg.svd(whitened / length)
     # Why a basis: directions that the log leaves open would have no covariance.
     basis = Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]].T / length[:, None]
-    later = -slopes(rows, fit.theta)
+    later = -slopes(rows, rows.torque(fit.theta))
     of_delay, of_arm, right = np.split(rows.factors(None, later[:, :, None]), [1, -1], axis=2)
     extended = weighted(np.concatenate([of_arm @ basis, of_delay, right], axis=2), rows.counts)
     *arm, delay = extended.theta
@@ -245,17 +245,15 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     return float(delay), float(np.sqrt(widened(rows, extended, covariance)[-1, -1]))
 
 
-def slopes(rows: Rows, theta: Floats) -> Floats:
-    """Return the time derivative of what base parameters, (p,), predict, (M, n) [N m/s or N/s]."""
-    tau = rows.torque(theta)
-    return np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
-
-
-def _slope(t: Floats, tau: Floats) -> Floats:
-    """Return the time derivative of torques, (M, n)."""
-    # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
-    x = np.pad(tau, ((2, 2), (0, 0)), "reflect", reflect_type="odd")
-    return (8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) * (len(t) - 1) / (12 * np.ptp(t) or 1.0)
+def slopes(rows: Rows, tau: Floats) -> Floats:
+    """Return the time derivative of torques at the rows, both (M, n)."""
+    found = []
+    for run in rows.runs:
+        t, x = rows.t[run], np.pad(tau[run], ((2, 2), (0, 0)), "reflect", reflect_type="odd")
+        # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.
+        change = 8 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])
+        found.append(change * (len(t) - 1) / (12 * np.ptp(t) or 1.0))
+    return np.concatenate(found)
 
 
 def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:

@@ -103,9 +103,13 @@ def phrase(added: Added, names: Sequence[str]) -> str:
     return f"{added.effect.name} on {joints}" if joints else added.effect.name
 
 
+#: What is said of Coulomb friction that follows a reversal over a distance.
+DISTANCE = "the distance over which Coulomb friction turns after a reversal: it turns with the velocity alone"
+
+
 def without_torque(robot: Robot) -> tuple[str, ...]:
-    """Return the effects of a robot file that are no torque of states, one phrase each with the reason."""
-    lines = []
+    """Return what is no torque of states, friction's distance and effects of a robot file, one phrase each."""
+    lines = [DISTANCE] * any(robot.coulomb_shape.distance)
     for spec in robot.effects:
         if spec.effect in CATALOGUE and (why := CATALOGUE[spec.effect].left_out):
             where = f" on {', '.join(spec.joints)}" if spec.joints else ""

@@ -7,7 +7,7 @@ the columns of the robot file's effects are evaluated: they depend on the order 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -21,7 +21,7 @@ from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, located
 from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
-from dynid.model.effects.friction import after_distance, coulomb_sign
+from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.regressor import Model, ModelTorques, prior_vector
 from dynid.options import LogOptions
@@ -186,6 +186,7 @@ def signs_of_shapes(
     sharp: Coulomb,
     shapes: Sequence[Coulomb],
     most: int | None = None,
+    then: Callable[[Floats], Floats] = np.asarray,
 ) -> list[Floats]:
     """Return the Coulomb signs of several shapes under the filter of the torques, (N, n, shapes) for each segment.
 
@@ -195,6 +196,7 @@ def signs_of_shapes(
         sharp: shape whose width is large against the noise of the velocity whose sign is taken.
         shapes: of the sign.
         most: samples of the beginning of each segment that are wanted; None for all.
+        then: what is wanted of each sign, (1, N) -> (1, M).
     """
     kernels, step, found = chosen.first_kernels[:1], chosen.first_step, []
     count = None if most is None else (most - 1) * step + kernels.shape[1]
@@ -207,13 +209,8 @@ def signs_of_shapes(
             kernel = velocity_kernel(cutoff, chosen.rate, measured=measured)
             v = under(kernel, x[: None if count is None else count + len(kernel), j])[:count]
             # Why one by one: the signs of all shapes take many times the memory of the log.
-            each = (
-                after_distance(coulomb_sign(v, shape, j), v / chosen.rate, shape.distance[j])[None]
-                if shape.distance
-                else coulomb_sign(v, shape, j)[None]
-                for shape in shapes
-            )
-            signs.append([decimate(sign, kernels, step)[0, 0] for sign in each])
+            each = (coulomb_sign(v, shape, j, 1.0 / chosen.rate)[None] for shape in shapes)
+            signs.append([then(decimate(sign, kernels, step)[0])[0] for sign in each])
         found.append(np.array(signs).transpose(2, 0, 1))
     return found
 

@@ -13,44 +13,37 @@ from dynid.robot import FRICTION_PARAMETERS, Coulomb, Robot
 
 
 # ---------------------------------------------------------------- friction of the robot file
-def coulomb_sign(qd: Floats, shape: Coulomb, joint: int) -> Floats:
-    """Return the sign of a joint's velocity as the robot file wants it.
+def coulomb_sign(qd: Floats, shape: Coulomb, joint: int, step: float = 0.0) -> Floats:
+    """Return the sign of a joint's velocity as its Coulomb friction has it.
 
     Args:
         qd: velocity of the joint, (B,) [rad/s or m/s].
         shape: shape of the sign.
         joint: the joint, 0-based.
+        step: time from each velocity to the next [s]; 0 where they are no motion, and friction follows at once.
 
     Returns:
         Between -1 and 1, (B,).
 
-    Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit.
+    Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit. With a
+    distance z' = |qd| (sign - z) / distance, which is Dahl's law where the step is sharp.
     """
-    limit = shape.velocity[joint]
-    if shape.shape == "smooth":
-        return np.tanh(qd / limit)
-    return np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
+    limit, smooth = shape.velocity[joint], shape.shape == "smooth"
+    sign = np.tanh(qd / limit) if smooth else np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
+    if step and shape.distance and shape.distance[joint]:
+        return _following(sign, np.exp(-step * np.abs(qd) / shape.distance[joint]))
+    return sign
 
 
-def after_distance(sign: Floats, moved: Floats, distance: float) -> Floats:
-    """Return a sign that follows another one over the distance that a joint moves (Dahl), (N,).
-
-    Args:
-        sign: what it tends to, (N,).
-        moved: by how much the joint moved at each sample, (N,) [rad or m].
-        distance: within which it follows, 0 for at once [rad or m].
-    """
-    if not distance:
-        return sign
-    kept = np.exp(-np.abs(moved) / distance)
-    found, kept[0], back = (1.0 - kept) * sign, 0.0, 1
-    # Why doubled: z_k = kept_k z_(k - 1) + ... is a chain of linear maps, and those of ever more samples are composed.
-    while kept.max() > 1e-6:
-        found[back:] += kept[back:] * found[:-back]
-        kept[back:] *= kept[:-back].copy()
-        kept[:back] = 0.0
+def _following(sign: Floats, kept: Floats) -> Floats:
+    """Return z_k = kept_k z_(k - 1) + (1 - kept_k) sign_k, from zero on, (B,)."""
+    z, back = (1.0 - kept) * sign, 1
+    # Why doubled: each sample is a linear map, and those of twice as many samples are composed at once.
+    while back < len(z) and kept[back:].max() > 1e-6:
+        z[back:] += kept[back:] * z[:-back]
+        kept[back:] *= kept[:-back]
         back *= 2
-    return found
+    return z
 
 
 def sign_of(motion: ArmMotion, joint: int) -> Floats:
