@@ -25,8 +25,9 @@ from dynid.signals.conditioned_log import signs_of_shapes, with_effects
 
 #: Velocities that are tried, in usual ones; the least is a step for what logs can tell, 0.3 to 30 mrad/s.
 WIDTHS = np.geomspace(0.03, 3.0, 13)
-#: Distances that are tried, in usual velocities times seconds: none to 2 mrad, from 0.1 mrad on in equal ratios.
-EVEN = np.linspace(0.0, np.log(21.0), 7)
+#: Distances that are tried, in usual velocities times seconds: none to 0.8 mrad, from 0.1 mrad on in equal ratios. What
+#: builds up over more is an effect of its own (presliding_hysteresis). evidence: benchmarks/choices.md.
+EVEN = np.linspace(0.0, np.log(9.0), 6)
 DISTANCES = 0.01 * np.expm1(EVEN)
 #: Of each part of a log without gaps this much is looked at [s]: hundreds of reversals tell both.
 LOOKED_AT_S = 600.0
