@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 import recorded_lwr
@@ -69,12 +70,21 @@ def test_nothing_hidden_gets_no_name(repeats, said):
     assert repeats == 1 or gap.verdict == "nothing_missing"
 
 
+DISTANCES = np.linspace(0.2e-3, 0.9e-3, ROBOT.n)
+
+
 def bristles(t, q, qd, rigid):
-    """Coulomb friction by Dahl's law, within 0.2 to 0.9 mrad, in place of the sharp one."""
-    width, z = np.linspace(0.2e-3, 0.9e-3, ROBOT.n), np.zeros_like(q)
+    """Coulomb friction by Dahl's law in place of the sharp one."""
+    z = np.zeros_like(q)
     for k, step in enumerate(np.diff(q, axis=0), start=1):
-        z[k] = np.sign(step) + (z[k - 1] - np.sign(step)) * np.exp(-np.abs(step) / width)
+        z[k] = np.sign(step) + (z[k - 1] - np.sign(step)) * np.exp(-np.abs(step) / DISTANCES)
     return COULOMB * (z - sharp(qd))
+
+
+def test_the_distance_of_friction_is_found_and_is_no_delay():
+    result = identify(replace(ARM, coulomb=None), driven(bristles, repeats=1))
+    assert_allclose(result.robot.coulomb_shape.distance, DISTANCES, rtol=0.34)
+    assert not result.delay
 
 
 def test_friction_that_lags_behind_its_reversals_gets_no_name():

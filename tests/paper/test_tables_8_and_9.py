@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from dynid import load_robot
 from dynid.model import build_model
 from dynid.model.reduce import reduce
+from dynid.robot import LINK_PARAMETERS
 
-ROWS = ["m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im"]
-NAMES = [f"{name}{link}" for link in range(1, 8) for name in ROWS]
+NAMES = [f"{name}{link}" for link in range(1, 8) for name in LINK_PARAMETERS]
 #: Table 8 as coloured: G green, identifiable alone; R red, not identifiable; . empty, in combinations. Joints 1 to 7.
 TABLE_8 = ["RR.GGGG"] * 4 + [
     "R......",
@@ -35,7 +35,9 @@ EQ_9[[0, 2, 3, 4, 4, 5, 6], [1, 0, 1, 1, 2, 2, 2]] = (0.28, 0.41, 0.21, 0.07, 0.
 TWISTS = np.radians([90, 90, 90, 90, 60, 60, 0])
 Z = np.array([0.0, 0.0, 1.0])
 PRINTED = {
-    f"{name}{k + 1}": row[k] for name, row in zip(ROWS, TABLE_8, strict=True) for k in range(7)
+    f"{name}{k + 1}": row[k]
+    for name, row in zip(LINK_PARAMETERS, TABLE_8, strict=True)
+    for k in range(7)
 }
 CORRECTED = PRINTED | dict.fromkeys(MISCOLOURED, "G")
 

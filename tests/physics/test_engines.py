@@ -23,7 +23,7 @@ from dynid import Robot
 from dynid.model import build_model, reduce
 from dynid.model.kinematics import fixed_poses
 from dynid.model.relations import base_parameters
-from dynid.robot import Body, Joint, Limits, roll_pitch_yaw, rotation_rpy
+from dynid.robot import LINK_PARAMETERS, Body, Joint, Limits, roll_pitch_yaw, rotation_rpy
 from dynid.sim.arm import SimulatedArm
 from dynid.sim.urdf import urdf_text
 
@@ -33,14 +33,13 @@ FRICTION = ("fv", "fc", "fo")
 def parameters(model, bodies, rotors, friction):
     """Return gamma in the model's own order, taken by name."""
     values = {}
-    kinds = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     for i, body in enumerate(bodies, start=1):
         about_origin = tensor_of(body) - body.mass * pin.skew(np.array(body.com)) @ pin.skew(
             np.array(body.com)
         )
-        ten = [body.mass, *(body.mass * np.array(body.com)), *about_origin[np.triu_indices(3)]]
-        values |= {f"{kind}{i}": value for kind, value in zip(kinds, ten, strict=True)}
-        values[f"Im{i}"] = rotors[i - 1]
+        first, second = body.mass * np.array(body.com), about_origin[np.triu_indices(3)]
+        numbers = zip(LINK_PARAMETERS, (body.mass, *first, *second, rotors[i - 1]), strict=True)
+        values |= {f"{kind}{i}": value for kind, value in numbers}
         values |= {f"{kind}{i}": friction[kind][i - 1] for kind in FRICTION}
     return np.array([values[name] for name in model.parameter_names])
 

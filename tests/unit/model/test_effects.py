@@ -12,11 +12,12 @@ from scipy.signal import butter, filtfilt
 from arms import pinocchio_torques, placements
 from dynid.errors import WrongRobotFile
 from dynid.model.effects.catalogue import CATALOGUE, checked
+from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.laws import presliding
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.reduce import reduce, with_added
 from dynid.model.regressor import ModelTorques, build_model
-from dynid.robot import EffectSpec
+from dynid.robot import Coulomb, EffectSpec
 from motions import tones
 from recorded_lwr import ENGINE, PLANT, ROBOT
 
@@ -233,6 +234,8 @@ def test_hysteresis_follows_the_dahl_equation_through_reversals():
         step = q[k] - q[k - 1]
         z[k] = z[k - 1] + step / 0.02 * (1 - z[k - 1] * np.sign(step))
     assert_allclose(presliding(q, 0.02), z, atol=5e-4)
+    sign = coulomb_sign(np.gradient(q, t), Coulomb("smooth", (1e-5,), (), (0.02,)), 0, t[1])
+    assert_allclose(sign, z, atol=2e-3)
 
 
 def test_a_listed_effect_becomes_a_column_that_stands_alone(model):

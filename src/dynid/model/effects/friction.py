@@ -28,8 +28,10 @@ def coulomb_sign(qd: Floats, shape: Coulomb, joint: int, step: float = 0.0) -> F
     Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit. With a
     distance z' = |qd| (sign - z) / distance, which is Dahl's law where the step is sharp.
     """
-    limit, smooth = shape.velocity[joint], shape.shape == "smooth"
-    sign = np.tanh(qd / limit) if smooth else np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
+    limit = shape.velocity[joint]
+    sign = np.tanh(qd / limit)
+    if shape.shape == "threshold":
+        sign = np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
     if step and shape.distance and shape.distance[joint]:
         return _following(sign, np.exp(-step * np.abs(qd) / shape.distance[joint]))
     return sign
