@@ -81,8 +81,6 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
             velocity[j] = mean
     step = Coulomb("smooth", tuple(velocity), tuple(interval), tuple(distance))
     base, logs_then = with_coulomb(stack.base, step), []
-    if step.velocity == usual.velocity:
-        return replace(stack, base=base)
     for log, raw in zip(stack.logs, logs, strict=True):
         pairs = zip(log.segments, signs_of_shapes(raw, log.filter, usual, [step]), strict=True)
         segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
@@ -102,11 +100,11 @@ def _reversal(others: Floats, targets: Floats) -> Floats:
     from scipy.interpolate import RectBivariateSpline
 
     length = np.linalg.norm(others, axis=0)
-    A = others / np.where(length > 0.0, length, 1.0)
+    A = others / np.maximum(length, 1e-300)
     targets = targets - A @ np.linalg.lstsq(A, targets, rcond=tuning.RANK_TOLERANCE)[0]
     rest, S = targets[:, :1], targets[:, 1:]
     power = np.sum(S**2, axis=0)
-    left = rest - S * (S.T @ rest[:, 0] / np.where(power > 0.0, power, 1.0))
+    left = rest - S * (S.T @ rest[:, 0] / np.maximum(power, 1e-300))
     squares = np.maximum(np.sum(left**2, axis=0), 1e-300)
     rows = len(left) / autocorrelation_time([left[:, int(np.argmin(squares))]])
     log_evidence = -0.5 * rows * np.log(squares).reshape(len(DISTANCES), len(WIDTHS))

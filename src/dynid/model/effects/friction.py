@@ -28,13 +28,14 @@ def coulomb_sign(qd: Floats, shape: Coulomb, joint: int, step: float = 0.0) -> F
     Source: Paper Eq. 7 with its inequality turned round: friction acts where the speed is at least the limit. With a
     distance z' = |qd| (sign - z) / distance, which is Dahl's law where the step is sharp.
     """
-    limit = shape.velocity[joint]
+    limit, distance = shape.velocity[joint], step and shape.distance and shape.distance[joint]
+    if distance:
+        # Why the means: a sample holds what moved until then, half a step before and not after.
+        qd = np.convolve(qd, [0.5, 0.5])[: len(qd)]
     sign = np.tanh(qd / limit)
     if shape.shape == "threshold":
         sign = np.where(np.abs(qd) >= limit, np.sign(qd), 0.0)
-    if step and shape.distance and shape.distance[joint]:
-        return _following(sign, np.exp(-step * np.abs(qd) / shape.distance[joint]))
-    return sign
+    return _following(sign, np.exp(-step * np.abs(qd) / distance)) if distance else sign
 
 
 def _following(sign: Floats, kept: Floats) -> Floats:
