@@ -82,8 +82,8 @@ def bristles(t, q, qd, rigid):
 
 
 def test_the_distance_of_friction_is_found_and_is_no_delay():
-    result = identify(replace(ARM, coulomb=None), driven(bristles, repeats=1))
-    assert_allclose(result.robot.coulomb_shape.distance, DISTANCES, rtol=0.34)
+    result = identify(ROBOT, driven(bristles, repeats=1))
+    assert_allclose(result.robot.coulomb_shape.distance, DISTANCES, rtol=0.2)
     assert not result.delay
 
 
