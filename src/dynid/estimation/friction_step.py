@@ -25,10 +25,12 @@ from dynid.signals.conditioned_log import signs_of_shapes, with_effects
 
 #: Velocities that are tried, in usual ones; the least is a step for what logs can tell, 0.3 to 30 mrad/s.
 WIDTHS = np.geomspace(0.03, 3.0, 13)
-#: Distances that are tried, in usual velocities times seconds: none to 0.8 mrad, from 0.1 mrad on in equal ratios. What
-#: builds up over more is an effect of its own (presliding_hysteresis). evidence: benchmarks/choices.md.
-EVEN = np.linspace(0.0, np.log(9.0), 6)
+#: Distances that are tried, in usual velocities times seconds: none to 1 mrad, from 0.1 mrad on in equal ratios.
+EVEN = np.linspace(0.0, np.log(11.0), 6)
 DISTANCES = 0.01 * np.expm1(EVEN)
+#: What builds up over 5 mrad is an effect of its own (presliding_hysteresis): a column of it is beside those that are
+#: tried, which would otherwise meet it half-way. evidence: benchmarks/choices.md.
+SLOW = 0.5
 #: Of each part of a log without gaps this much is looked at [s]: hundreds of reversals tell both.
 LOOKED_AT_S = 600.0
 
@@ -57,6 +59,7 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
         for distance in np.outer(DISTANCES, usual.velocity).tolist()
         for velocity in np.outer(WIDTHS, usual.velocity).tolist()
     ]
+    tried.append(replace(usual, distance=tuple(SLOW * unit for unit in usual.velocity)))
     parts, of_rows = [], []
     for log, raw in zip(stack.logs, logs, strict=True):
         count = round(LOOKED_AT_S * log.filter.rate / log.filter.first_step)
@@ -71,8 +74,9 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
     for j, column in columns.items():
         own = rows.W[:, j].any(axis=0) & (np.arange(rows.size) != column)
         # Why the slope: how late the torques are is not known yet, and is much like a distance.
-        others, good = np.column_stack([rows.W[:, j, own], late[:, j]]), rows.use[:, [j]]
-        targets = np.column_stack([rows.tau[:, j], S[:, j]])
+        others = np.column_stack([rows.W[:, j, own], late[:, j], S[:, j, -1]])
+        good = rows.use[:, [j]]
+        targets = np.column_stack([rows.tau[:, j], S[:, j, :-1]])
         found = _reversal(good * others, good * targets)
         low, mean, high, distance[j] = (usual.velocity[j] * found).tolist()
         interval[j] = low, high
