@@ -69,20 +69,14 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
         of_rows += signs_of_shapes(raw, log.filter, usual, tried, count, filtered)
     rows, S = joined(parts), np.concatenate(of_rows)
     late = slopes(rows, rows.tau)
-    velocity, distance = list(usual.velocity), [0.0] * len(usual.velocity)
-    interval = [(WIDTHS[0] * unit, WIDTHS[-1] * unit) for unit in usual.velocity]
+    found = np.tile([WIDTHS[0], 1.0, WIDTHS[-1], 0.0], (len(stack.joints), 1))
     for j, column in columns.items():
-        own = rows.W[:, j].any(axis=0) & (np.arange(rows.size) != column)
         # Why the slope: how late the torques are is not known yet, and is much like a distance.
-        others = np.column_stack([rows.W[:, j, own], late[:, j], S[:, j, -1]])
-        good = rows.use[:, [j]]
-        targets = np.column_stack([rows.tau[:, j], S[:, j, :-1]])
-        found = _reversal(good * others, good * targets)
-        low, mean, high, distance[j] = (usual.velocity[j] * found).tolist()
-        interval[j] = low, high
-        # The usual velocity stays where the interval holds it: small changes would only move other decisions.
-        if distance[j] or not low < velocity[j] < high:
-            velocity[j] = mean
+        others = [np.delete(rows.W[:, j], column, 1), late[:, j], S[:, j, -1]]
+        targets, good = [rows.tau[:, j], S[:, j, :-1]], rows.use[:, [j]]
+        found[j] = _reversal(good * np.column_stack(others), good * np.column_stack(targets))
+    low, velocity, high, distance = (found.T * usual.velocity).tolist()
+    interval = zip(low, high, strict=True)
     step = Coulomb("smooth", tuple(velocity), tuple(interval), tuple(distance))
     base, logs_then = with_coulomb(stack.base, step), []
     for log, raw in zip(stack.logs, logs, strict=True):
@@ -95,7 +89,8 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
 def _reversal(others: Floats, targets: Floats) -> Floats:
     """Return end, mean and other end of the 95 % interval of a joint's velocity, and its distance, in usual ones, (4,).
 
-    The distance is zero where its interval holds that.
+    The distance is zero where its interval holds that, and the velocity then the usual one where its interval holds
+    that: small changes would only move other decisions.
 
     Args:
         others: other columns of the joint, (M, c), zero where rows do not count.
@@ -104,7 +99,7 @@ def _reversal(others: Floats, targets: Floats) -> Floats:
     from scipy.interpolate import RectBivariateSpline
 
     length = np.linalg.norm(others, axis=0)
-    A = others / np.maximum(length, 1e-300)
+    A = others[:, length > 0.0] / length[length > 0.0]
     targets = targets - A @ np.linalg.lstsq(A, targets, rcond=tuning.RANK_TOLERANCE)[0]
     rest, S = targets[:, :1], targets[:, 1:]
     power = np.sum(S**2, axis=0)
@@ -123,4 +118,5 @@ def _reversal(others: Floats, targets: Floats) -> Floats:
         share = share[:1]
     of_width = share.sum(axis=0) / share.sum()
     low, high = np.interp([0.025, 0.975], np.cumsum(of_width), width)
-    return np.append(np.exp([low, of_width @ width, high]), distance)
+    mean = of_width @ width if distance or not low < 0.0 < high else 0.0
+    return np.append(np.exp([low, mean, high]), distance)
