@@ -74,7 +74,7 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
         # Why the slope: how late the torques are is not known yet, and is much like a distance.
         others = [np.delete(rows.W[:, j], column, 1), late[:, j], S[:, j, -1]]
         targets, good = [rows.tau[:, j], S[:, j, :-1]], rows.use[:, [j]]
-        found[j] = _reversal(good * np.column_stack(others), good * np.column_stack(targets))
+        found[j] = _reversal(np.column_stack(others) * good, np.column_stack(targets) * good)
     low, velocity, high, distance = (found.T * usual.velocity).tolist()
     interval = zip(low, high, strict=True)
     step = Coulomb("smooth", tuple(velocity), tuple(interval), tuple(distance))
