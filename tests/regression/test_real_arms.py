@@ -45,11 +45,11 @@ def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
 
 #: Runs of the LWR4+ that are fitted, run that is predicted, and what the default and its parameters alone miss [%].
 PAIRS = (
-    ((1,), 2, 2.09, 2.66),
-    ((1,), 3, 2.60, 3.07),
-    ((3,), 1, 2.46, 3.10),
-    ((3,), 2, 2.40, 2.90),
-    ((1, 2), 3, 2.91, 3.26),
+    ((1,), 2, 2.06, 2.59),
+    ((1,), 3, 2.59, 3.02),
+    ((3,), 1, 2.55, 3.13),
+    ((3,), 2, 2.50, 2.93),
+    ((1, 2), 3, 2.65, 3.03),
 )
 
 
@@ -99,23 +99,23 @@ def test_the_expected_error_is_right(unseen_of_the_lwr):
 def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_motion(
     runs_of_the_lwr, results_of_the_lwr
 ):
-    """Run 3 was never seen. What parameters alone leave of the joint halves, the whole gains a tenth either way.
+    """Run 3 was never seen. What parameters alone leave of the joint halves, the whole gains a fourteenth either way.
 
     The residual model had held as much of the joint as the spring does.
     """
     before = results_of_the_lwr[(1, 2)]
     gap = find_gap(before, [runs_of_the_lwr[k] for k in (1, 2)])
-    names = "presliding_hysteresis(4,) spring(6,) nonlinear_viscous(6,)"
+    names = "presliding_hysteresis(4,) spring(6,)"
     assert " ".join(f"{one.effect}{one.indices}" for one in gap.named) == names
     after = gap.apply()
     unseen = [validate(result, runs_of_the_lwr[3]) for result in (before, after)]
     rms = np.array([[joint.rms for joint in seen.joints] for seen in unseen])
-    assert rms[:, 6] == pytest.approx([0.0837, 0.0759], abs=0.003)
+    assert rms[:, 6] == pytest.approx([0.0701, 0.0517], abs=0.003)
     assert np.all(rms[1] < 1.08 * rms[0])
-    assert unseen[1].relative_error_percent < 0.9 * unseen[0].relative_error_percent
-    assert unseen[1].relative_error_percent == pytest.approx(2.51, abs=0.08)
+    assert unseen[1].relative_error_percent < 0.93 * unseen[0].relative_error_percent
+    assert unseen[1].relative_error_percent == pytest.approx(2.43, abs=0.08)
     alone = [validate(r, runs_of_the_lwr[3], residual_model=False) for r in (before, after)]
-    assert alone[1].relative_error_percent < 0.92 * alone[0].relative_error_percent
+    assert alone[1].relative_error_percent < 0.93 * alone[0].relative_error_percent
     assert alone[1].joints[6].rms < 0.5 * alone[0].joints[6].rms
 
 
@@ -163,9 +163,9 @@ def test_intervals_of_two_runs_agree(results_of_the_lwr):
 @pytest.mark.parametrize(
     ("name", "recording", "seconds", "rank", "default", "alone"),
     [
-        ("ur10", "ur10_salerno/exc.npz", 18.0, 58, 4.27, 5.59),
-        ("staubli_tx40", "tx40/exc.npz", 3.5, 61, 5.25, 5.79),
-        ("franka_panda", "panda_salerno/exc.npz", 13.0, 69, 3.37, 5.13),
+        ("ur10", "ur10_salerno/exc.npz", 18.0, 58, 4.09, 5.66),
+        ("staubli_tx40", "tx40/exc.npz", 3.5, 61, 5.28, 5.73),
+        ("franka_panda", "panda_salerno/exc.npz", 13.0, 69, 3.41, 4.96),
     ],
 )
 def test_the_first_part_of_a_recording_predicts_the_rest(
