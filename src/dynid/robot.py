@@ -263,6 +263,10 @@ class Coulomb:
     interval: tuple[tuple[float, float], ...] = ()
     distance: tuple[float, ...] = ()
 
+    def facts(self) -> dict[str, Any]:
+        """Return what is known of it, as files have it."""
+        return {key: value for key, value in asdict(self).items() if value}
+
 
 @dataclass(frozen=True)
 class Coupling:

@@ -25,11 +25,12 @@ from dynid.signals.conditioned_log import signs_of_shapes, with_effects
 
 #: Velocities that are tried, in usual ones; the least is a step for what logs can tell, 0.3 to 30 mrad/s.
 WIDTHS = np.geomspace(0.03, 3.0, 13)
-#: Distances that are tried, in usual velocities times seconds: none to 1 mrad, from 0.1 mrad on in equal ratios.
+#: Distances that are tried, in usual velocities times seconds: none to 1 mrad, in equal ratios from 0.1 mrad on.
+EVEN_FROM = 0.01
 EVEN = np.linspace(0.0, np.log(11.0), 6)
-DISTANCES = 0.01 * np.expm1(EVEN)
-#: What builds up over 5 mrad is an effect of its own (presliding_hysteresis): a column of it is beside those that are
-#: tried, which would otherwise meet it half-way. evidence: benchmarks/choices.md.
+DISTANCES = EVEN_FROM * np.expm1(EVEN)
+#: A distance of 5 mrad, in the same unit. What builds up over so much is an effect of its own (presliding_hysteresis):
+#: a column of it is beside those that are tried, which would else meet it half-way. evidence: benchmarks/choices.md.
 SLOW = 0.5
 #: Of each part of a log without gaps this much is looked at [s]: hundreds of reversals tell both.
 LOOKED_AT_S = 600.0
@@ -69,15 +70,15 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log]) -> Stack:
         of_rows += signs_of_shapes(raw, log.filter, usual, tried, count, filtered)
     rows, S = joined(parts), np.concatenate(of_rows)
     late = slopes(rows, rows.tau)
-    found = np.tile([WIDTHS[0], 1.0, WIDTHS[-1], 0.0], (len(stack.joints), 1))
+    found = np.array([[WIDTHS[0], 1.0, WIDTHS[-1], 0.0]] * len(stack.joints))
     for j, column in columns.items():
         # Why the slope: how late the torques are is not known yet, and is much like a distance.
         others = [np.delete(rows.W[:, j], column, 1), late[:, j], S[:, j, -1]]
         targets, good = [rows.tau[:, j], S[:, j, :-1]], rows.use[:, [j]]
         found[j] = _reversal(np.column_stack(others) * good, np.column_stack(targets) * good)
     low, velocity, high, distance = (found.T * usual.velocity).tolist()
-    interval = zip(low, high, strict=True)
-    step = Coulomb("smooth", tuple(velocity), tuple(interval), tuple(distance))
+    interval = tuple(zip(low, high, strict=True))
+    step = Coulomb("smooth", tuple(velocity), interval, tuple(distance))
     base, logs_then = with_coulomb(stack.base, step), []
     for log, raw in zip(stack.logs, logs, strict=True):
         pairs = zip(log.segments, signs_of_shapes(raw, log.filter, usual, [step]), strict=True)
@@ -102,18 +103,17 @@ def _reversal(others: Floats, targets: Floats) -> Floats:
     A = others[:, length > 0.0] / length[length > 0.0]
     targets = targets - A @ np.linalg.lstsq(A, targets, rcond=tuning.RANK_TOLERANCE)[0]
     rest, S = targets[:, :1], targets[:, 1:]
-    power = np.sum(S**2, axis=0)
-    left = rest - S * (S.T @ rest[:, 0] / np.maximum(power, 1e-300))
+    left = rest - S * (S.T @ rest[:, 0] / np.maximum(np.sum(S**2, axis=0), 1e-300))
     squares = np.maximum(np.sum(left**2, axis=0), 1e-300)
     rows = len(left) / autocorrelation_time([left[:, int(np.argmin(squares))]])
     log_evidence = -0.5 * rows * np.log(squares).reshape(len(DISTANCES), len(WIDTHS))
     logs = np.log(WIDTHS)
-    width, even = np.linspace(logs[0], logs[-1], 400), np.linspace(EVEN[0], EVEN[-1], 200)
+    width, even = np.linspace(logs[0], logs[-1], 400), np.linspace(0.0, EVEN[-1], 200)
     gain = RectBivariateSpline(EVEN, logs, log_evidence)(even, width)
     gain -= 0.5 * (width / np.log(3.0)) ** 2
     share, distance = np.exp(gain - gain.max()), 0.0
     if share[0].max() < np.exp(-0.5 * 1.96**2):
-        distance = 0.01 * np.expm1(share.sum(axis=1) @ even / share.sum())
+        distance = EVEN_FROM * np.expm1(share.sum(axis=1) @ even / share.sum())
     else:
         share = share[:1]
     of_width = share.sum(axis=0) / share.sum()

@@ -223,7 +223,7 @@ class Identification(Identified, Judged):
             "logs_sha256": list(self.log_sha256),
             "method": self.method,
             "cutoff_hz": float(f"{self.cutoff:.6g}"),
-            "coulomb": {key: x for key, x in asdict(self.robot.coulomb_shape).items() if x},
+            "coulomb": self.robot.coulomb_shape.facts(),
             "relative_error_percent": float(f"{self.relative_error_percent:.4g}"),
             "parameters": rows,
             "not_identifiable": list(self.reduction.none),

@@ -104,7 +104,7 @@ def phrase(added: Added, names: Sequence[str]) -> str:
 
 
 #: What is said of Coulomb friction that follows a reversal over a distance.
-DISTANCE = "the distance over which Coulomb friction turns after a reversal: it turns with the velocity alone"
+DISTANCE = "the distance over which Coulomb friction turns at a reversal: here it turns with the velocity alone"
 
 
 def without_torque(robot: Robot) -> tuple[str, ...]:

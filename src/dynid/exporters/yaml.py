@@ -35,7 +35,6 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
                 "possible": i not in full.impossible_links(),
             }
         )
-    shape = robot.coulomb_shape
     base = zip(arm.base.names, arm.theta.tolist(), strict=True)
     return {
         "schema": "dynid/full/1",
@@ -44,7 +43,7 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
         "angles": "rad",
         "gravity_frame_0": list(robot.gravity),
         "links": links,
-        "coulomb": {"shape": shape.shape, "velocity": list(shape.velocity)},
+        "coulomb": robot.coulomb_shape.facts(),
         "friction": {name: value for name, value in full.drives.items() if name not in of_links},
         "base_parameters": dict(base),
     }

@@ -209,8 +209,8 @@ def signs_of_shapes(
             kernel = velocity_kernel(cutoff, chosen.rate, measured=measured)
             v = under(kernel, x[: None if count is None else count + len(kernel), j])[:count]
             # Why one by one: the signs of all shapes take many times the memory of the log.
-            each = (coulomb_sign(v, shape, j, 1.0 / chosen.rate)[None] for shape in shapes)
-            signs.append([then(decimate(sign, kernels, step)[0])[0] for sign in each])
+            each = (coulomb_sign(v, shape, j, 1.0 / chosen.rate) for shape in shapes)
+            signs.append([then(decimate(sign[None], kernels, step)[0])[0] for sign in each])
         found.append(np.array(signs).transpose(2, 0, 1))
     return found
 

@@ -42,7 +42,7 @@ def _following(sign: Floats, kept: Floats) -> Floats:
     """Return z_k = kept_k z_(k - 1) + (1 - kept_k) sign_k, from zero on, (B,)."""
     z, back = (1.0 - kept) * sign, 1
     # Why doubled: each sample is a linear map, and those of twice as many samples are composed at once.
-    while back < len(z) and kept[back:].max() > 1e-6:
+    while np.any(kept[back:] > 1e-6):
         z[back:] += kept[back:] * z[:-back]
         kept[back:] *= kept[:-back]
         back *= 2
