@@ -4,10 +4,6 @@
 
 They are evaluated from conditioned logs and filtered like the torques. Least squares needs only their triangular
 factors; estimators that look at residuals have the rows themselves.
-
-Rows at velocity reversals are not fitted. A joint that reverses creeps and sticks for some milliseconds, at
-velocities below the encoder's noise. The Coulomb column is wrong there, each time in the same way, and biases
-friction and inertia.
 """
 
 from __future__ import annotations

@@ -103,14 +103,16 @@ def prepare(
         check_finite(log, robot)
         findings = [*check_gaps(log, exclude)]
         log = without_stale(in_si(log, robot), robot)
+        moved = unwrapped(to_dh(log, robot), robot)
+        # Why first: poses without the motion between them are as fast as degrees.
+        check_rate(moved, robot)
         check_degrees(log, robot)
         flat, flat_findings = clipped_samples(log, robot, gone)
-        log = with_even_clock(unwrapped(to_dh(log, robot), robot))
+        log = with_even_clock(moved)
         check_order(log, robot)
         findings += check_slopes(log, robot)
         findings += check_ranges(log, robot)
         check_torque_scale(log, robot, gone)
-        check_rate(log, robot)
         for check in (check_position_noise, check_zero):
             findings += check(log, robot)
         if identify:

@@ -169,8 +169,10 @@ def check_rate(log: Log, robot: Robot) -> None:
     needed = max(tuning.LEAST_RATE_HZ, tuning.SAMPLES_PER_CUTOFF * cutoff)
     if fastest and log.rate < needed:
         if fastest > tuning.JUMPS * log.rate:
-            what = "positions jump between samples: the motion from pose to pose is missing"
-            raise RateTooLow(what, fix="record the arm while it moves, too")
+            raise RateTooLow(
+                "positions jump between samples: the motion from pose to pose is missing",
+                fix="record the arm while it moves, too",
+            )
         raise RateTooLow(
             f"joint states arrive at {log.rate:.1f} Hz; "
             f"the fastest motion, {fastest:.1f} Hz, needs >= {max(tuning.GOOD_RATE_HZ, needed):.0f} Hz",
