@@ -70,7 +70,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
 def _check_length(log: Log) -> None:
     if len(log) < tuning.LEAST_SAMPLES:
         raise LogTooShort(
-            f"{len(log)} samples are too few: at least {tuning.LEAST_SAMPLES} are needed",
+            f"{len(log)} samples are too few: at least {tuning.LEAST_SAMPLES} are needed"
         )
 
 
@@ -179,7 +179,7 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Fin
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
     if share > tuning.LOST_SHARE:
         raise TooManyLost(
-            f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be missing",
+            f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be missing"
         )
     if len(gaps):
         evidence = {
