@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -176,12 +177,14 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:
     """Let time run through several logs when their stamps do: what warms up or drifts does not start anew with each."""
-    begin = [s.segments[0].t[0] - s.segments[0].elapsed[0] for s in logs]
-    ends = [s.segments[-1].t[-1] for s in logs]
-    if any(later < end for later, end in zip(begin[1:], ends[:-1], strict=True)):
+    ends = sorted(
+        (s.segments[0].t[0] - s.segments[0].elapsed[0], s.segments[-1].t[-1]) for s in logs
+    )
+    if any(later < end for (_, end), (later, _) in pairwise(ends)):
         return list(logs)
     return [
-        replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in logs
+        replace(s, segments=[replace(x, elapsed=x.t - ends[0][0]) for x in s.segments])
+        for s in logs
     ]
 
 
