@@ -139,8 +139,9 @@ def simplest(looks: Sequence[Look], sure: float) -> Look | None:
     def amplitudes(one: Look) -> int:
         return int(one.candidate.rms.shape[1])
 
-    alike = [x for x in sure_ones if x.place.at == best.place.at]
-    fewer = [x for x in alike if amplitudes(x) < amplitudes(best)]
+    fewer = [
+        x for x in sure_ones if x.place.at == best.place.at and amplitudes(x) < amplitudes(best)
+    ]
     return next(
         (one for one in sure_ones if contains(best.place, one.place)),
         min(fewer, key=amplitudes, default=best),
@@ -233,13 +234,19 @@ class Search:
 
         Args:
             state: what they stand beside.
-            own: a name that is looked at in any case, with what acts on its joints alone.
+            own: a name that is looked at in any case, with what acts on its joints and the same effect elsewhere alone: a
+                gain of one joint is much like another gain of the next.
         """
         taken, evidence = {one.place.at for one in state.named} | self.barred, state.evidence
         open_ = [
             one
             for one in state.candidates
-            if one.place.at not in taken and (not own or one.own.keys() & own.candidate.own.keys())
+            if one.place.at not in taken
+            and (
+                not own
+                or one.place.key[0] == own.place.key[0]
+                or one.own.keys() & own.candidate.own.keys()
+            )
         ]
         picked = [k for k, one in enumerate(open_) if own and one.place.key == own.place.key]
         bare = evidence.smaller(1.0)
@@ -248,8 +255,11 @@ class Search:
             best = np.argsort(-odds, kind="stable")[: tuning.MOST_LOOKS]
             picked += best[odds[best] >= tuning.WORTH_A_LOOK].tolist()
         looks = [self._look(state, bare, open_[k]) for k in dict.fromkeys(picked)]
-        looks = [one for one in looks if one.log_odds > 0.0]
-        looks = [replace(one, visible=max(self._visible(one).values())) for one in looks]
+        looks = [
+            replace(one, visible=max(self._visible(one).values()))
+            for one in looks
+            if one.log_odds > 0.0
+        ]
         # Why first: a long log is sure of torques that matter to nobody, and they are no rivals of what does.
         looks = [one for one in looks if one.visible >= tuning.MATERIAL]
         top = max((one.log_odds for one in looks), default=0.0)
