@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import combinations_with_replacement
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -40,8 +40,8 @@ def noise_floor(
     """
     chosen = stack.logs[0].filter
     parts = list(_parts(stack, theta, error))
-    pairs = combinations_with_replacement(parts, 2)
-    differences = [each for pair in pairs for each in _difference(*pair, chosen)]
+    pairs = find_repeats([q for q, _, _ in parts], chosen.kept_rate)
+    differences = [difference(parts[pair.first], parts[pair.second], pair.lag) for pair in pairs]
     seconds = sum(len(residual) for residual, _ in differences) / chosen.kept_rate
     if seconds >= tuning.SHORTEST_REPEAT_S:
         return _rms(differences), float(seconds)
@@ -60,18 +60,47 @@ def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Pa
         yield q[run], left[run], early.rows.use[run]
 
 
-def _difference(one: Part, other: Part, chosen: Filter) -> Iterator[tuple[Floats, Mask]]:
-    """Yield what two runs of one motion do not have in common, over the root of two, and the rows that count."""
-    shortest = round(tuning.SHORTEST_REPEAT_S * chosen.kept_rate)
-    (q, left, use), (other_q, other_left, other_use) = one, other
-    lag = lag_of(q, other_q, shortest, shortest if one is other else None)
-    if lag is None:
-        return
-    here, there, e = difference_of_runs(left, other_left, lag)
+@dataclass(frozen=True)
+class RepeatPair:
+    """Two parts of the same motion: row k of the first is row k + lag of the second."""
+
+    first: int
+    second: int
+    lag: float
+
+
+def find_repeats(parts: Sequence[Floats], rate: float) -> list[RepeatPair]:
+    """Find parts, and periods within a part, that hold the same motion: positions, (M, n) each, at one rate [Hz]."""
+    pairs, shortest = [], round(tuning.SHORTEST_REPEAT_S * rate)
+    for a, one in enumerate(parts):
+        for b in range(a, len(parts)):
+            lag = lag_of(one, parts[b], shortest, shortest if a == b else None)
+            if lag is not None:
+                pairs.append(RepeatPair(a, b, lag))
+    return pairs
+
+
+def difference(one: Part, other: Part, lag: float) -> tuple[Floats, Mask]:
+    """Return what two runs of one motion do not have in common, over the root of two, and the rows that count.
+
+    Trends and another friction are not in it: they follow the time and the motion.
+
+    Args:
+        one: the first run.
+        other: the second one.
+        lag: by how many rows the motion comes later in it.
+    """
+    (q, left, use), (_, other_left, other_use), whole = one, other, int(lag // 1)
+    here = slice(max(0, -whole), min(len(left), len(other_left) - whole))
+    there = slice(here.start + whole, here.stop + whole)
+    e = (left[here] - shifted(other_left, lag - whole)[there]) / np.sqrt(2.0)
     both = use[here] & other_use[there]
-    both[:8] = both[len(both) - 8 :] = False
-    line = np.column_stack([np.ones(len(e)), np.linspace(-1.0, 1.0, len(e))])
-    yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], both
+    both[:8] = both[-8:] = False
+    v, line = np.gradient(q[here], axis=0), np.arange(len(e))
+    for j, counts in enumerate(both.T):
+        A = np.column_stack([line**0, line, np.sign(v[:, j]), v[:, j]])
+        e[:, j] -= A @ np.linalg.lstsq(A[counts], e[counts, j], rcond=None)[0]
+    return e, both
 
 
 def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> float | None:
@@ -99,20 +128,6 @@ def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> floa
     bend = left - 2.0 * middle + right
     part = 0.5 * (left - right) / bend if bend > 0.0 else 0.0
     return float(lags[best] + (part if abs(part) > tuning.SAME_GRID else 0.0))
-
-
-def difference_of_runs(one: Floats, other: Floats, lag: float) -> tuple[slice, slice, Floats]:
-    """Return which rows two runs of one motion share in each, and their differences there over the root of two.
-
-    Args:
-        one: signals of the first run, (M, n).
-        other: those of the second one, (N, n).
-        lag: by how many rows the motion comes later in it.
-    """
-    whole = int(np.floor(lag))
-    start, end = max(0, -whole), min(len(one), len(other) - whole)
-    here, there = slice(start, end), slice(start + whole, end + whole)
-    return here, there, (one[here] - shifted(other, lag - whole)[there]) / np.sqrt(2.0)
 
 
 def shifted(x: Floats, rows: float) -> Floats:

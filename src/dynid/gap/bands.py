@@ -16,8 +16,9 @@ from scipy import sparse
 from scipy.fft import dct, next_fast_len
 
 from dynid.arrays import Floats, Ints
+from dynid.estimation.noise_floor import RepeatPair
 from dynid.gap.gap_rows import GapRows
-from dynid.gap.noise import NoiseModel, RepeatPair
+from dynid.gap.noise import NoiseModel
 
 #: Upper end of the lowest band [Hz]; each further one ends an octave higher, the last one at the cut-off.
 LOWEST_HZ, OCTAVES = 0.1, 7

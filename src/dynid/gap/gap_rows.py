@@ -190,3 +190,11 @@ def on_joint(columns: EffectColumns, joint: int, count: int) -> Floats:
     """Return the columns of an effect on one joint, zeros where it does not act there, (k, count)."""
     some = next(iter(columns.values()))
     return columns.get(joint, np.zeros((len(some), count)))
+
+
+def accelerated(torques: ReferenceTorques, q: Floats, qdd: Floats) -> Floats:
+    """Return the torques of all joints by the acceleration of each one, (N, n) or the same in all poses, (n, N, n)."""
+    still = np.zeros_like(q)
+    held = torques.rigid(q, still, still)
+    pushed = [torques.rigid(q, still, still + qdd * alone) for alone in np.eye(q.shape[1])]
+    return np.array(pushed) - held

@@ -10,6 +10,7 @@ import numpy as np
 from dynid.arrays import Floats, Ints, Mask
 from dynid.gap.counterbalance import Links
 from dynid.gap.delays import EffectSearch
+from dynid.gap.gap_rows import accelerated
 from dynid.gap.problem import GapProblem
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
@@ -112,10 +113,8 @@ def simulated_error(problem: GapProblem, left: Floats) -> Floats:
     """
     rows, held = problem.rows, np.isfinite(left).any(axis=1)
     q, model, n = rows.q[held], problem.base.torques(problem.theta), left.shape[1]
-    still = np.zeros_like(q)
-    weight = model.rigid(q, still, still)
-    inertia = [(model.rigid(q, still, still + one) - weight) @ one for one in np.eye(n)]
-    speed_up = np.nan_to_num(left[held]) / np.maximum(np.transpose(inertia), LEAST_INERTIA)
+    inertia = np.diagonal(accelerated(model, q, np.ones(1)), axis1=0, axis2=2)
+    speed_up = np.nan_to_num(left[held]) / np.maximum(inertia, LEAST_INERTIA)
     length = min(max(1, len(q)), round(WINDOW_S * rows.rate))
     windows = speed_up[: len(q) // length * length].reshape(-1, length, n)
     return rms_of(windows.cumsum(axis=1).cumsum(axis=1).reshape(-1, n) / rows.rate**2)

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from dynid.arrays import Floats
 from dynid.gap import tuning
-from dynid.gap.gap_rows import GapRows
+from dynid.gap.gap_rows import GapRows, accelerated
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.laws import presliding
@@ -108,15 +108,7 @@ def error_columns(rows: GapRows) -> tuple[Floats, Floats]:
     """
     common, inertial = [], []
     for motion, log in zip(rows.motions, rows.logs, strict=True):
-        still = np.zeros_like(motion.qdd)
-        held = motion.reference.rigid(motion.q, still, still)
-        # Torque of each joint by the acceleration of each, (n by, n of, N).
-        torques = np.array(
-            [
-                (motion.reference.rigid(motion.q, still, motion.qdd * alone) - held).T
-                for alone in np.eye(motion.n)
-            ]
-        )
+        torques = accelerated(motion.reference, motion.q, motion.qdd).swapaxes(1, 2)
         skew = tuning.SKEW_PERIODS / log.filter.rate
         late = skew * np.gradient(motion.total, motion.t, axis=0).T
         droop = (without_slow(torques, width, motion.t) for width in tuning.DROOP_WIDTHS_S)

@@ -16,11 +16,11 @@ from scipy.ndimage import convolve1d
 from dynid.arrays import Floats, Mask
 from dynid.errors import LogTooShort
 from dynid.estimation.least_squares import autocorrelation_time
-from dynid.estimation.noise_floor import difference_of_runs, floor_from_spectrum, lag_of
+from dynid.estimation.noise_floor import RepeatPair, difference, floor_from_spectrum
 from dynid.estimation.tuning import SHORTEST_REPEAT_S
 from dynid.gap import tuning
-from dynid.gap.gap_rows import GapRows
-from dynid.signals.filters import Filter
+from dynid.gap.gap_rows import GapRows, accelerated
+from dynid.signals.filters import Filter, acceleration_noise, encoder_noise
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
 ORDER = 4
@@ -91,26 +91,6 @@ class NoiseModel:
         return white / (self.sigma[joint] * self.count[joint] ** 0.5)
 
 
-@dataclass(frozen=True)
-class RepeatPair:
-    """Two parts of the same motion: row k of the first is row k + lag of the second."""
-
-    first: int
-    second: int
-    lag: float
-
-
-def find_repeats(parts: Sequence[Floats], rate: float) -> list[RepeatPair]:
-    """Find parts, and periods within a part, that hold the same motion: positions, (M, n) each, at one rate [Hz]."""
-    pairs, shortest = [], round(SHORTEST_REPEAT_S * rate)
-    for a, one in enumerate(parts):
-        for b in range(a, len(parts)):
-            lag = lag_of(one, parts[b], shortest, shortest if a == b else None)
-            if lag is not None:
-                pairs.append(RepeatPair(a, b, lag))
-    return pairs
-
-
 def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) -> NoiseModel:
     """Measure the noise.
 
@@ -122,7 +102,8 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
     Raises:
         LogTooShort: no part of the logs is long enough to have a spectrum.
     """
-    differences = [_difference(rows, residual, pair) for pair in pairs]
+    runs = [(rows.q[part], residual[part], rows.use[part]) for part in rows.parts]
+    differences = [difference(runs[pair.first], runs[pair.second], pair.lag) for pair in pairs]
     seconds = sum(len(e) for e, _ in differences) / rows.rate
     if seconds >= SHORTEST_REPEAT_S:
         return _from_repeats(differences, rows, seconds)
@@ -137,34 +118,24 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
 
 
 def with_steps(noise: NoiseModel, rows: GapRows) -> NoiseModel:
-    """Return the noise with what steps of the torque's recording leave in the pass band.
+    """Return the noise with what the steps of the recording leave in the pass band, of torques and of positions.
 
     Steps much larger than the noise are an error that repeats with the motion, which no repeat shows.
 
     Source: Widrow and Kollar 2008, "Quantization noise", for how noise makes the error of steps white.
     """
     filters, step = rows.logs[0].filter, np.max([x.torque_step for x in rows.logs], axis=0)
-    if not step.any():
-        return noise
     white = min(1.0, 2.0 * filters.cutoff / filters.rate)
     spread = noise.floor / np.sqrt(white) / np.where(step > 0, step, 1.0)
     share = white + (1.0 - white) * np.exp(-2.0 * np.pi**2 * spread**2)
-    more = np.sqrt(1.0 + share * step**2 / 12.0 / noise.floor**2)
+    power, motion = noise.floor**2 + share * step**2 / 12.0, rows.motions[0]
+    if noise.repeats:
+        level = encoder_noise(rows.logs[0].segments[0].raw_q)
+        shaken = acceleration_noise(filters.cutoff, filters.rate) * level
+        torques = accelerated(motion.reference, motion.q[::50], shaken)
+        power = np.maximum(power, np.mean(torques**2, axis=1).sum(axis=0))
+    more = np.sqrt(power) / noise.floor
     return replace(noise, sigma=more * noise.sigma, floor=more * noise.floor)
-
-
-def _difference(rows: GapRows, residual: Floats, pair: RepeatPair) -> tuple[Floats, Mask]:
-    """Return what differs between two repeats, trends and friction changes taken off, and the rows that count."""
-    one, other = rows.parts[pair.first], rows.parts[pair.second]
-    here, there, e = difference_of_runs(residual[one], residual[other], pair.lag)
-    qd, use = rows.qd[one][here], rows.use[one][here] & rows.use[other][there]
-    use[:8], use[-8:] = False, False
-    for j in range(e.shape[1]):
-        if use[:, j].sum() > 20:
-            line = np.linspace(-1, 1, len(e))
-            A = np.column_stack([np.ones(len(e)), line, np.tanh(qd[:, j] / 0.01), qd[:, j]])
-            e[:, j] -= A @ np.linalg.lstsq(A[use[:, j]], e[use[:, j], j], rcond=None)[0]
-    return e, use
 
 
 def _from_repeats(

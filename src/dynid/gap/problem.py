@@ -8,18 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.arrays import Floats
+from dynid.estimation.noise_floor import RepeatPair, find_repeats
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, stack_with_settled_effects
 from dynid.gap.gap_rows import GapRows, gap_rows
 from dynid.gap.known_errors import with_known_friction, with_reversals
-from dynid.gap.noise import (
-    NoiseModel,
-    RepeatPair,
-    find_repeats,
-    measure_noise,
-    with_misfit,
-    with_steps,
-)
+from dynid.gap.noise import NoiseModel, measure_noise, with_misfit, with_steps
 from dynid.gap.regression import Regression, whitened_regression
 from dynid.model.base_model import BaseModel
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
@@ -131,8 +125,8 @@ def make_problem(
     prior = known_parameters(kept) if kept is not None and alone else None
     first = unwhitened_fit(rows, nuisance=False)[0] if kept is None else kept.plain
     every = with_reversals(rows, base, first)
-    rows = with_known_friction(every, _measured(every, prior, repeats)[-1].floor)
-    theta, residual, noise = _measured(rows, prior, repeats)
+    rows = with_known_friction(every, _measured(every, base, prior, repeats)[-1].floor)
+    theta, residual, noise = _measured(rows, base, prior, repeats)
     if kept is not None and alone:
         of_all = unwhitened_fit(rows, nuisance=False)[1]
         # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
@@ -142,7 +136,7 @@ def make_problem(
 
 
 def _measured(
-    rows: GapRows, prior: Floats | None, repeats: Sequence[RepeatPair]
+    rows: GapRows, base: BaseModel, prior: Floats | None, repeats: Sequence[RepeatPair]
 ) -> tuple[Floats, Floats, NoiseModel]:
     """Return base parameters of a fit, (p,), its residuals of all rows, (M, n), and the noise in them."""
     theta, residual = unwhitened_fit(rows, prior)
@@ -154,7 +148,8 @@ def _measured(
         residual = unwhitened_fit(rows)[1]
     era = [rows.is_new[part.start] for part in rows.parts]
     same = [pair for pair in repeats if era[pair.first] == era[pair.second]]
-    return theta, residual, with_steps(measure_noise(rows, residual, same), rows)
+    measured = measure_noise(rows, residual, same)
+    return theta, residual, with_steps(measured, rows.with_reference(base, theta))
 
 
 def judged_by_possible(problem: GapProblem) -> GapProblem:

@@ -234,8 +234,8 @@ class Search:
 
         Args:
             state: what they stand beside.
-            own: a name that is looked at in any case, with what acts on its joints and the same effect elsewhere alone: a
-                gain of one joint is much like another gain of the next.
+            own: a name that is looked at in any case, with what acts on its joints and the same effect elsewhere
+                alone: a gain of one joint is much like another gain of the next.
         """
         taken, evidence = {one.place.at for one in state.named} | self.barred, state.evidence
         open_ = [

@@ -249,8 +249,13 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     waves = np.abs(np.fft.rfft(q * np.hanning(len(q))[:, None], axis=0))
     below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * waves**2, axis=0)
     power = 2 / (_HANN * len(q) ** 2) * below[np.searchsorted(f, cutoffs) - 1]
-    noise = np.outer((2 * np.pi) ** 2 * cutoffs**2.5 * np.sqrt(2 / (5 * log.rate)), level)
+    noise = np.outer(acceleration_noise(cutoffs, log.rate), level)
     return noise / np.sqrt(np.maximum(power, np.maximum(noise**2, 1e-300)))
+
+
+def acceleration_noise(cutoff: Floats | float, rate: float) -> Floats:
+    """Return the noise of accelerations below cut-offs [Hz] over that of positions, which is white [1/s^2]."""
+    return np.asarray((2 * np.pi) ** 2 * cutoff**2.5 * np.sqrt(2 / (5 * rate)))
 
 
 def white_noise(x: Floats) -> Floats:

@@ -49,6 +49,7 @@ from dynid.loading import (
     parameters_of,
 )
 from dynid.log import Log
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.progress import Progress, heard_by, stage
 from dynid.reports.figures import write_figure
@@ -59,7 +60,7 @@ from dynid.table import Table
 from dynid.text import closest
 from dynid.workflows.identify import identify
 from dynid.workflows.options import GapOptions, IdentifyOptions, joint_indices
-from dynid.workflows.parameters import Observations
+from dynid.workflows.parameters import Observations, observe
 from dynid.workflows.validate import Validation, validate
 
 T = TypeVar("T")
@@ -487,24 +488,24 @@ class _Search:
 
     def ask(self, question: str, logs: Sequence[Log], earlier: Sequence[Log], why: str) -> Gap:
         """Ask one question of checked logs, and of those that the model was identified from; ``why`` in words."""
-        result, wanted, options = self.result, self.wanted, self.options
-        base = result.base
+        result, options, base = self.result, self.options, self.result.base
         kept = question == "changed"
         # Why no delay otherwise: there it is one of the effects that are looked for.
-        delay = result.delay if kept else 0.0
         options = replace(
             options,
             cutoff=max(CUTOFF, result.cutoff) if options.cutoff is None else options.cutoff,
-            delay=delay if options.delay is None else options.delay,
+            delay=result.delay * kept if options.delay is None else options.delay,
         )
-        conditioned = self._conditioned(logs, options)
-        before = self._conditioned(earlier, options) if earlier else []
+        # Why anew: all parameters are refitted, and how friction turns is one of them.
+        arm = base.robot if kept else replace(base.robot, estimated_coulomb=None)
+        base, conditioned = self._conditioned(logs, options, arm)
+        before = self._conditioned(earlier, options, arm)[1] if earlier else []
         stage("search")
         analysis = analyse_gap(
             conditioned,
             base,
             result if kept else None,
-            wanted,
+            self.wanted,
             earlier=before,
             possible=result.in_force == "physical",
         )
@@ -556,13 +557,18 @@ class _Search:
         record = record_of(analysis, self.result, question, why)
         return Gap(**vars(record), analysis=analysis, searched=self.result)
 
-    def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
-        """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
-        searched, parts = stretches(condition_logs(logs, self.result.base.model, options), LONGEST)
+    def _conditioned(
+        self, logs: Sequence[Log], options: GapOptions, arm: Robot
+    ) -> tuple[BaseModel, list[ConditionedLog]]:
+        """Return the model of an arm and conditioned logs, of long ones stretches: minutes say what hours do."""
+        seen = observe(arm, logs, options, base=self.result.base, drop_weak=True).stack
+        searched, parts = stretches(seen.logs, LONGEST)
         if parts:
-            text = f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
-            stage("stretches", text)
-        return searched
+            stage(
+                "stretches",
+                f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs",
+            )
+        return seen.base, searched
 
     @heard_by()
     def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:

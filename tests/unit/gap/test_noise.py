@@ -9,12 +9,12 @@ import pytest
 
 from dynid.errors import LogTooShort
 from dynid.estimation.least_squares import autocorrelation_time
+from dynid.estimation.noise_floor import RepeatPair, find_repeats
 from dynid.gap.noise import (
     NoiseModel,
-    RepeatPair,
-    find_repeats,
     measure_noise,
     whitened,
+    with_steps,
     yule_walker,
 )
 
@@ -37,7 +37,7 @@ def rows_of(*motions):
         rate=RATE,
         logs=[SimpleNamespace(filter=SimpleNamespace(cutoff=RATE / 4))],
         parts=[slice(*pair) for pair in pairwise(edges.tolist())],
-        qd=np.concatenate([np.gradient(each, 1 / RATE, axis=0) for each in motions]),
+        q=q,
         use=np.ones(q.shape, dtype=bool),
         train=np.ones(len(q), dtype=bool),
     )
@@ -89,6 +89,22 @@ def test_repeats_show_the_noise_and_not_what_repeats():
     )
     np.testing.assert_allclose(noise.sigma, 0.1, rtol=0.05)
     assert noise.unrepeatable == []
+
+
+def test_steps_of_an_encoder_are_noise_that_repeats_do_not_show():
+    """A mass of 2 kg, whose motion is read in steps of 1 mm: what they accelerate below the cut-off."""
+    q, f = motion(np.arange(60_000) / 500.0)[:, :1], np.fft.rfftfreq(60_000, 1 / 500.0)
+    steps = np.round(q, 3)
+    waves = (2 * np.pi * f) ** 2 * (f < 10.0) * np.fft.rfft((steps - q)[:, 0])
+    read = SimpleNamespace(
+        filter=SimpleNamespace(cutoff=10.0, rate=500.0),
+        torque_step=np.zeros(1),
+        segments=[SimpleNamespace(raw_q=steps)],
+    )
+    arm = SimpleNamespace(rigid=lambda q, qd, qdd: 2.0 * qdd)
+    rows = SimpleNamespace(logs=[read], motions=[SimpleNamespace(q=q, reference=arm)])
+    noise = with_steps(replace(NoiseModel.white(np.array([1e-3])), repeats=10.0), rows)
+    assert noise.floor == pytest.approx(2.0 * np.fft.irfft(waves).std(), rel=0.1)
 
 
 def test_a_log_without_usable_rows_is_refused():
