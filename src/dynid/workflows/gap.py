@@ -35,7 +35,7 @@ from dynid.gap.counterbalance import COUNTERBALANCE, Suspicion, suspicions
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.record import effect_of, new_name, record_of
 from dynid.gap.tuning import REST_SURE
-from dynid.judgement.evidence import Evidence
+from dynid.judgement.evidence import Evidence, of_search
 from dynid.judgement.gap import GapEffect, GapRecord
 from dynid.loading import (
     LogsLike,
@@ -524,12 +524,11 @@ class _Search:
         gap = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
         assert gap.analysis is not None
         suspected = self._suspected(gap.analysis)
-        names = self.result.robot.joint_names
         sought = [one for one in suspected if one.searched]
         if not sought:
             return _with_likely(gap, suspected)
         reasons = (
-            f"A counterbalance on {names[one.joint]} makes the links more plausible"
+            f"A counterbalance on {gap.joint_names[one.joint]} makes the links more plausible"
             + f" (without it, there is {one.instead_of})" * bool(one.instead_of)
             for one in sought
         )
@@ -604,12 +603,12 @@ class _Search:
             default=None,
         )
         if worst is not None:
-            rms = tuple(joint.rms for joint in worst.joints)
             kept = picked(worst, kept="relative_error_percent", expected="expected_percent")
-            gap = replace(gap, kept_rms=rms, **kept)
+            gap = replace(gap, kept_rms=tuple(joint.rms for joint in worst.joints), **kept)
         if gap.named and gap.unseen_logs:
             gap = self._proved(gap)
-        if gap.nothing and gap.judgement.light("complete").state != "good":
+        # Why not the whole judgement: what another log says is no answer to a question about these.
+        if gap.nothing and any(fact[0] != "good" for fact in of_search(gap)):
             gap = replace(gap, verdict="unexplained", advice="")
         return gap
 
