@@ -44,7 +44,7 @@ def noise_floor(
     differences = [difference(parts[pair.first], parts[pair.second], pair.lag) for pair in pairs]
     seconds = sum(len(residual) for residual, _ in differences) / chosen.kept_rate
     if seconds >= tuning.SHORTEST_REPEAT_S:
-        return _rms(differences), float(seconds)
+        return _rms(differences), seconds
     long = [part[1:] for part in parts if len(part[1]) >= tuning.SPECTRUM_ROWS]
     return (floor_from_spectrum(long, chosen), 0.0) if long else None
 
@@ -81,16 +81,17 @@ def find_repeats(parts: Sequence[Floats], rate: float) -> list[RepeatPair]:
 
 
 def difference(one: Part, other: Part, lag: float) -> tuple[Floats, Mask]:
-    """Return what two runs of one motion do not have in common, over the root of two, and the rows that count.
+    """Return the difference of two runs of one motion over the root of two, (K, n), and which of its rows count.
 
-    Trends and another friction are not in it: they follow the time and the motion.
+    A trend and another friction in one of them are taken off: these are no noise.
 
     Args:
         one: the first run.
         other: the second one.
         lag: by how many rows the motion comes later in it.
     """
-    (q, left, use), (_, other_left, other_use), whole = one, other, int(lag // 1)
+    (q, left, use), (_, other_left, other_use) = one, other
+    whole = int(lag // 1)
     here = slice(max(0, -whole), min(len(left), len(other_left) - whole))
     there = slice(here.start + whole, here.stop + whole)
     e = (left[here] - shifted(other_left, lag - whole)[there]) / np.sqrt(2.0)
@@ -98,7 +99,7 @@ def difference(one: Part, other: Part, lag: float) -> tuple[Floats, Mask]:
     both[:8] = both[-8:] = False
     v, line = np.gradient(q[here], axis=0), np.arange(len(e))
     for j, counts in enumerate(both.T):
-        A = np.column_stack([line**0, line, np.sign(v[:, j]), v[:, j]])
+        A = np.column_stack([np.ones_like(line), line, np.sign(v[:, j]), v[:, j]])
         e[:, j] -= A @ np.linalg.lstsq(A[counts], e[counts, j], rcond=None)[0]
     return e, both
 

@@ -177,13 +177,13 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:
     """Let time run through several logs when their stamps do: what warms up or drifts does not start anew with each."""
-    ends = sorted(
+    spans = sorted(
         (s.segments[0].t[0] - s.segments[0].elapsed[0], s.segments[-1].t[-1]) for s in logs
     )
-    if any(later < end for (_, end), (later, _) in pairwise(ends)):
+    if any(later < end for (_, end), (later, _) in pairwise(spans)):
         return list(logs)
     return [
-        replace(s, segments=[replace(x, elapsed=x.t - ends[0][0]) for x in s.segments])
+        replace(s, segments=[replace(x, elapsed=x.t - spans[0][0]) for x in s.segments])
         for s in logs
     ]
 

@@ -193,7 +193,13 @@ def on_joint(columns: EffectColumns, joint: int, count: int) -> Floats:
 
 
 def accelerated(torques: ReferenceTorques, q: Floats, qdd: Floats) -> Floats:
-    """Return the torques of all joints by the acceleration of each one, (N, n) or the same in all poses, (n, N, n)."""
+    """Return the torques of all joints by the acceleration of each joint alone, (n, N, n) [N m or N].
+
+    Args:
+        torques: the model of the arm.
+        q: poses, (N, n) [rad or m].
+        qdd: accelerations, (N, n), or those of all poses, (n,) or (1,) [rad/s^2 or m/s^2].
+    """
     still = np.zeros_like(q)
     held = torques.rigid(q, still, still)
     pushed = [torques.rigid(q, still, still + qdd * alone) for alone in np.eye(q.shape[1])]

@@ -118,9 +118,10 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
 
 
 def with_steps(noise: NoiseModel, rows: GapRows) -> NoiseModel:
-    """Return the noise with what the steps of the recording leave in the pass band, of torques and of positions.
+    """Return the noise with what the steps in which torques and positions are recorded leave in the pass band.
 
-    Steps much larger than the noise are an error that repeats with the motion, which no repeat shows.
+    Steps much larger than the noise are an error that repeats with the motion, which no repeat shows; those of
+    positions shake the inertias. A noise that comes from the residual has these already.
 
     Source: Widrow and Kollar 2008, "Quantization noise", for how noise makes the error of steps white.
     """

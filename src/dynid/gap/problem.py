@@ -148,8 +148,11 @@ def _measured(
         residual = unwhitened_fit(rows)[1]
     era = [rows.is_new[part.start] for part in rows.parts]
     same = [pair for pair in repeats if era[pair.first] == era[pair.second]]
-    measured = measure_noise(rows, residual, same)
-    return theta, residual, with_steps(measured, rows.with_reference(base, theta))
+    return (
+        theta,
+        residual,
+        with_steps(measure_noise(rows, residual, same), rows.with_reference(base, theta)),
+    )
 
 
 def judged_by_possible(problem: GapProblem) -> GapProblem:

@@ -244,7 +244,7 @@ class Search:
             if one.place.at not in taken
             and (
                 not own
-                or one.place.key[0] == own.place.key[0]
+                or one.place.effect.name == own.place.effect.name
                 or one.own.keys() & own.candidate.own.keys()
             )
         ]

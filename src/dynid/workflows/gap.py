@@ -494,7 +494,7 @@ class _Search:
         options = replace(
             options,
             cutoff=max(CUTOFF, result.cutoff) if options.cutoff is None else options.cutoff,
-            delay=result.delay * kept if options.delay is None else options.delay,
+            delay=(result.delay if kept else 0.0) if options.delay is None else options.delay,
         )
         # Why anew: all parameters are refitted, and how friction turns is one of them.
         arm = base.robot if kept else replace(base.robot, estimated_coulomb=None)
@@ -559,7 +559,10 @@ class _Search:
     def _conditioned(
         self, logs: Sequence[Log], options: GapOptions, arm: Robot
     ) -> tuple[BaseModel, list[ConditionedLog]]:
-        """Return the model of an arm and conditioned logs, of long ones stretches: minutes say what hours do."""
+        """Return the model of an arm, and conditioned logs; of long ones stretches: minutes say what hours do.
+
+        How friction turns at a reversal is estimated from them where the arm does not know it from a result.
+        """
         seen = observe(arm, logs, options, base=self.result.base, drop_weak=True).stack
         searched, parts = stretches(seen.logs, LONGEST)
         if parts:
@@ -584,7 +587,7 @@ class _Search:
             exclude=self.options.exclude,
         )
         try:
-            now = identify(self.result.robot, logs, options, base=result.base)
+            now = identify(result.robot, logs, options, base=result.base)
             # Why the other way round: what was taken off hung there when the model was identified.
             loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
             return with_reestimated_payload(analysis, load, find_payload(loaded, bare))
