@@ -123,20 +123,19 @@ class _Search:
 
         No edit of a file but those of a joint's signs changes what its friction has to be.
         """
-        judge, ratios = self.judge, []
+        judge = self.judge
         # Why not what possible bodies leave alone: huge ones, held by friction that drives, follow any short log.
         ((least, _),) = judge.least_residuals([judge.robot])
-        for j, suspect in enumerate(self.as_written.residual > self.as_written.friction_residual):
-            kinds = OF_ALL.values() if suspect and judge.mapped else ()
+        kinds = OF_ALL.values() if judge.mapped else ()
+
+        def drives(j: int) -> bool:
             files = [judge.robot, *(edited(judge.robot, Edit(kind, (float(j),))) for kind in kinds)]
-            left = [
-                np.hypot(judge.braking_residuals(file, j), self.noise[j])
-                for file in files
-                if suspect
-            ]
-            free = max(left[0][0], np.hypot(least[j], self.noise[j])) if left else np.inf
-            ratios.append(min((each[1] for each in left), default=0) > tuning.NOT_BRAKING * free)
-        return tuple(map(bool, ratios))
+            left = [np.hypot(judge.braking_residuals(file, j), self.noise[j]) for file in files]
+            free = max(left[0][0], np.hypot(least[j], self.noise[j]))
+            return bool(min(braking for _, braking in left) > tuning.NOT_BRAKING * free)
+
+        suspects = self.as_written.residual > self.as_written.friction_residual
+        return tuple(suspect and drives(j) for j, suspect in enumerate(suspects.tolist()))
 
     def fit(self, edits: tuple[Edit, ...]) -> Hypothesis:
         """Return a hypothesis fitted with bodies that can exist."""
@@ -221,7 +220,7 @@ def find_mistake(
     if judge is None:
         return None
     search = _Search(judge, names or robot.log_names)
-    as_written, without_say = search.as_written, np.flatnonzero(search.judge.without_say)
+    as_written = search.as_written
     search.widen([()])
     for _ in range(2):
         before = search.ranked()[0]
@@ -239,7 +238,7 @@ def find_mistake(
         best=best,
         tied=tied[: tuning.MOST_TIED],
         wrong=best is not as_written,
-        without_say=tuple(without_say.tolist()),
+        without_say=tuple(np.flatnonzero(search.judge.without_say).tolist()),
     )
 
 
@@ -264,9 +263,8 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
     """
     turning = robot.turning
     rated = [joint.limits.torque for joint in robot.joints]
-    scale = np.array([each or 1.0 for each in rated])
-    if robot.torque.source in ("joint_sensor", "unknown", "gravity_free") or None in rated:
-        scale = np.ones(robot.n)
+    behind_gear = robot.torque.source in ("joint_sensor", "unknown", "gravity_free")
+    scale = np.array(rated) if all(rated) and not behind_gear else np.ones(robot.n)
     error = np.zeros(robot.n)
     for kind in (turning, ~turning):
         if kind.any():

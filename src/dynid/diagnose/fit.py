@@ -166,14 +166,16 @@ class RobotFileFit:
         x, tau = self._dh(robot)
         columns = self._columns(robot, [x])
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
-        parts = [_reduced(columns, tau, joint, signed) for signed in ((), self._signed)]
-        free, braking = (float(_cone([part], bodies, np.ones(1))[0]) for part in parts)
+        free, braking = (
+            _cone([_reduced(columns, tau, joint, signed)], bodies, np.ones(1))[0]
+            for signed in ((), self._signed)
+        )
         return free, braking
 
     def has_say(self, robot: Robot) -> Mask:
         """Return which joints of an edited file have a say, (n,)."""
         silent = np.array(self.without_say or (False,) * robot.n)
-        return ~(silent[self._order(robot)] if self.mapped else silent)
+        return np.asarray(~silent[self._order(robot)])
 
     @property
     def _signed(self) -> tuple[int, ...]:

@@ -34,27 +34,22 @@ def check_gravity(log: Log, robot: Robot) -> None:
     carries = (change > tuning.SIGNIFICANT_LOAD * change.max()) & (change > tuning.LEAST_LOAD_NM)
     if known:
         carries |= change > max(tuning.LIGHTER_JOINT * change.max(), tuning.LIGHTER_LOAD_NM)
-    compared = (
-        _share(load[:, j], tau[:, j], [part[:, j] for part in besides])
-        for j in np.flatnonzero(carries)
-    )
-    shares = list(filter(None, compared))
+    compared = {
+        j: seen
+        for j in np.flatnonzero(carries).tolist()
+        if (seen := _share(load[:, j], tau[:, j], [part[:, j] for part in besides]))
+    }
     largest = tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN
     # Why the errors: friction and noise of a motion that hardly lifts the arm hide its weight, whatever came out.
-    most = [(share + 2.0 * error) / tuning.LEAST_WEIGHT for share, error in shares]
-    if not shares or max(shares)[0] >= largest or min(most) >= largest:
+    most = [(share + 2.0 * error) / tuning.LEAST_WEIGHT for share, error, _ in compared.values()]
+    seen_most = max(compared.values(), default=(np.inf,))[0]
+    if seen_most >= largest or min(most) >= largest:
         return
-    heaviest = int(np.argmax(np.where(carries, change, -np.inf)))
-    own, seen = (
-        _without(x[:, heaviest], [part[:, heaviest] for part in besides]) for x in (load, tau)
-    )
-    # How alike torque and load change, 0 to 1, whatever the scale of the torque.
-    likeness = abs(float(own @ seen)) / max(
-        float(np.linalg.norm(own) * np.linalg.norm(seen)), 1e-300
-    )
+    heaviest = max(compared, key=lambda j: change[j])
+    likeness = compared[heaviest][2]
     if likeness > tuning.ALIKE:
         raise GravityRemoved(
-            f"torques follow the weight at {100 * max(shares)[0]:.2g} % of its size: their scale is unknown",
+            f"torques follow the weight at {100 * seen_most:.2g} % of its size: their scale is unknown",
             where=log.topic,
             why="readings of motors come in units of their maker, such as parts of the rated current",
             fix="`torque: {source: motor_current, relative: true}`, or the unit under `driver: {units: ...}`",
@@ -92,20 +87,21 @@ def _without(values: Floats, besides: list[Floats]) -> Floats:
     return values - rest @ np.linalg.lstsq(rest, values, rcond=1e-9)[0]
 
 
-def _share(load: Floats, tau: Floats, besides: list[Floats]) -> tuple[float, float] | None:
-    """Return the measured change with the load over the expected one, and its standard error.
+def _share(load: Floats, tau: Floats, besides: list[Floats]) -> tuple[float, float, float] | None:
+    """Return the measured change with the load over the expected one, its standard error, and how alike both are.
 
-    None where the rest could explain the load as well.
+    Likeness is from 0 to 1, whatever the scale of the torque. None where the rest could explain the load as well.
 
     Args:
         load: expected torque, (N,).
         tau: measured torque, (N,).
         besides: what else makes torque, (N,) each.
     """
-    own = _without(load, besides)
-    if np.linalg.norm(own) < tuning.DISTINCT_LOAD * np.linalg.norm(load - load.mean()):
+    own, seen = _without(load, besides), _without(tau, besides)
+    size = float(np.linalg.norm(own))
+    if size < tuning.DISTINCT_LOAD * np.linalg.norm(load - load.mean()):
         return None
-    share = float(own @ tau / (own @ own))
-    left = _without(tau, besides) - share * own
+    share = float(own @ seen) / size**2
     free = max(1.0, len(load) / tuning.SAMPLES_ALIKE - 2 - len(besides))
-    return abs(share), float(np.linalg.norm(left) / np.linalg.norm(own) / np.sqrt(free))
+    error = float(np.linalg.norm(seen - share * own)) / size / np.sqrt(free)
+    return abs(share), error, abs(share) * size / max(float(np.linalg.norm(seen)), 1e-300)
