@@ -21,7 +21,7 @@ from dynid.files import typed
 from dynid.files.artifact import packed, read_artifact, reading, unpacked
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.judgement.evidence import Evidence
-from dynid.model.regressor import parameter_names
+from dynid.model.regressor import build_model
 from dynid.npz import write_artifact
 from dynid.robot import Coulomb
 from dynid.table import Table
@@ -253,7 +253,9 @@ class Identification(Identified, Judged):
             result = cls(robot=robot, header=header, path=path, **values)
             if len(result.joints) != robot.n:
                 raise ValueError("its joints do not match its robot")
-            if {result.reduction.names, result.physical.names} != {parameter_names(robot)}:
+            if {result.reduction.names, result.physical.names} != {
+                build_model(robot).parameter_names
+            }:
                 raise ValueError("its parameters do not match its robot")
         return result
 

@@ -166,8 +166,7 @@ def regressor_of(log: ConditionedLog, observer: Observer) -> Floats:
     """
 
     def entries(part: Segment) -> Floats:
-        sign = part.coulomb_sign if part.coulomb_sign.size else None
-        rigid = observer.entries(part.q, part.qd, part.qdd, sign)
+        rigid = observer.entries(part.q, part.qd, part.qdd, part.coulomb_sign)
         return np.vstack([rigid, part.effects.T[observer.added_entries]])
 
     W = np.zeros((*observer.shape, sum(_counts(log))))

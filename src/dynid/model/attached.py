@@ -25,21 +25,20 @@ class Attached:
 
     Attributes:
         urdf: the file.
-        names: its joints, base to tip, in the order of the robot file.
+        joints: its joints, base to tip, in the order of the robot file.
         mapping: q_dh = sign * q_urdf + offset.
         to_dh: pose of each DH frame in the frame of the URDF's link, n of (4, 4).
     """
 
     urdf: Urdf
-    names: tuple[str, ...]
+    joints: tuple[UrdfJoint, ...]
     mapping: JointMap
     to_dh: tuple[Floats, ...]
 
     @property
-    def joints(self) -> tuple[UrdfJoint, ...]:
-        """The moving joints, base to tip."""
-        known = {joint.name: joint for joint in self.urdf.joints}
-        return tuple(known[name] for name in self.names)
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(joint.name for joint in self.joints)
 
     def prior(self) -> Prior:
         """Return the file's bodies in the DH frames: each link with all that hangs on it up to the next joint."""
@@ -92,7 +91,7 @@ def attached(path: Path, robot: Robot, within: float = SAME_ARM) -> Attached:
     for mapping in filter(None, maps):
         to_dh, miss = _compared(urdf, chain, robot, names, mapping)
         if miss.max() < within:
-            return Attached(urdf, names, mapping, tuple(to_dh))
+            return Attached(urdf, tuple(known[name] for name in names), mapping, tuple(to_dh))
         errors.append(miss)
     best = min(errors, key=lambda miss: float(miss.max()))
     worst = int(np.argmax(best > within))

@@ -98,7 +98,7 @@ class BaseModel(Answered):
     def relations(self) -> dict[str, str]:
         """What each combination is made of in the symbols of the DH table, by the name of the base parameter."""
         rows = zip(self.names, self.reduction.formulas, self.reduction.base, strict=False)
-        alone = set(self.reduction.alone)
+        alone = self.reduction.alone
         return {name: text for name, text, k in rows if self.reduction.names[k] not in alone}
 
     @property
@@ -115,11 +115,11 @@ class BaseModel(Answered):
 
     def table(self) -> Table:
         """Return one row per base parameter: name, unit, class, and what it is made of."""
-        units, alone, relations = self.model.units, set(self.reduction.alone), self.relations
+        units, relations = self.model.units, self.relations
         rows = []
         for name, k in zip(self.names, self.reduction.base, strict=True):
             parameter = self.reduction.names[k]
-            kind = "alone" if parameter in alone else "combined"
+            kind = self.reduction.class_of(parameter)
             made_of = parameter if kind == "alone" else relations.get(name, "").partition(" = ")[2]
             rows.append({"name": name, "unit": units[parameter], "class": kind, "made of": made_of})
         return Table(rows)
@@ -208,8 +208,8 @@ def key_of(robot: Robot) -> str:
 
 def stored_key(path: Path) -> str | None:
     """Return the key in a stored model, None when there is none."""
-    key = read_header(path).get("key")
-    return None if key is None else str(key)
+    key: str | None = read_header(path).get("key")
+    return key
 
 
 def _header(robot: Robot, **facts: object) -> dict[str, Any]:

@@ -61,38 +61,33 @@ class Program:
     shape: tuple[int, int]
 
     @property
-    def first(self) -> int:
-        """Slot of the first operation."""
-        return len(self.inputs)
-
-    @property
     def flops(self) -> int:
         """Number of operations."""
         return len(self.op)
 
     def restricted(self, columns: NDArray[np.intp]) -> Program:
         """Return the program of the given columns, renumbered in that order, without what they do not need."""
-        position = np.full(self.shape[1], -1)
+        position = np.full(self.shape[1], -1, dtype=np.int32)
         position[columns] = np.arange(len(columns))
         kept = position[self.cols] >= 0
-        needed = np.zeros(self.first + self.flops, dtype=bool)
+        first = len(self.inputs)
+        needed = np.zeros(first + self.flops, dtype=bool)
         needed[self.outputs[kept]] = True
         for k in range(self.flops - 1, -1, -1):
-            if needed[self.first + k]:
+            if needed[first + k]:
                 needed[self.lhs[k]] = True
                 needed[self.rhs[k]] = True
-        inputs = needed[: self.first]
-        renumbered = np.cumsum(needed) - 1
-        live = needed[self.first :]
-        as_int = np.int32
+        inputs = needed[:first]
+        renumbered = np.cumsum(needed, dtype=np.int32) - 1
+        live = needed[first:]
         return Program(
             tuple(compress(self.inputs, inputs)),
             self.op[live],
-            renumbered[self.lhs[live]].astype(as_int),
-            renumbered[self.rhs[live]].astype(as_int),
+            renumbered[self.lhs[live]],
+            renumbered[self.rhs[live]],
             self.rows[kept],
-            position[self.cols[kept]].astype(as_int),
-            renumbered[self.outputs[kept]].astype(as_int),
+            position[self.cols[kept]],
+            renumbered[self.outputs[kept]],
             (self.shape[0], len(columns)),
         )
 

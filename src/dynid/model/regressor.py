@@ -25,6 +25,7 @@ from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import (
     BODY_PARAMETERS,
     Parameter,
+    body_columns,
     columns_of,
     link_parameters,
     prior_parameters,
@@ -32,6 +33,9 @@ from dynid.model.parameters import (
 from dynid.model.program import Evaluator, Program
 from dynid.robot import Joint, Robot
 from dynid.units import ampere_unit
+
+#: Coulomb signs that nobody gave.
+MADE_HERE = np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
@@ -86,9 +90,8 @@ class Model:
     @property
     def units(self) -> dict[str, str]:
         """Unit of each parameter by name; in amperes where no gain of a drive is known."""
-        if self.robot.torque.relative:
-            return {parameter.name: ampere_unit(parameter.unit) for parameter in self.parameters}
-        return {parameter.name: parameter.unit for parameter in self.parameters}
+        relative = self.robot.torque.relative
+        return {p.name: ampere_unit(p.unit) if relative else p.unit for p in self.parameters}
 
     @property
     def size(self) -> int:
@@ -102,9 +105,7 @@ class Model:
 
     def observer(self, columns: Ints | None = None) -> Observer:
         """Return an evaluator of the given columns (all when None), in that order."""
-        return Observer(
-            self, np.arange(self.size) if columns is None else np.asarray(columns, dtype=np.intp)
-        )
+        return Observer(self, np.arange(self.size) if columns is None else columns)
 
     def regressor(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Evaluate the full regressor P on samples (Paper Eq. 8), without added effects.
@@ -121,8 +122,8 @@ class Model:
 
     def added_entries(self, motion: ArmMotion) -> Floats:
         """Return the entries of the added effects' columns over an interval, (E, N)."""
-        parts = [effect.evaluate(motion) for effect in self.added]
-        return np.concatenate(parts) if parts else np.zeros((0, len(motion)))
+        none = np.zeros((0, len(motion)))
+        return np.concatenate([none, *(effect.evaluate(motion) for effect in self.added)])
 
 
 class Observer:
@@ -172,7 +173,7 @@ class Observer:
         return Observer, self._made_of
 
     def blocks(
-        self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None
+        self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats = MADE_HERE
     ) -> Iterator[tuple[slice, Floats]]:
         """Yield (samples, entries (E, B)) block by block; entries of added effects are not among them.
 
@@ -180,18 +181,16 @@ class Observer:
             q: positions, (N, n) [rad or m].
             qd: velocities, (N, n) [rad/s or m/s].
             qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
-            coulomb_sign: signs of the velocities where a log carries them, (N, n); those of ``qd`` when None.
+            coulomb_sign: signs of the velocities where a log carries them, (N, n); empty for those of ``qd``.
         """
         for start in range(0, len(q), self._samples):
             part = slice(start, min(start + self._samples, len(q)))
             rigid = self._rigid.run(q[part], qd[part], qdd[part])
-            friction = self._friction_entries(
-                qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
-            )
+            friction = self._friction_entries(qd[part], qdd[part], coulomb_sign[part])
             yield part, np.vstack([rigid, *friction]) if friction else rigid
 
     def entries(
-        self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None
+        self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats = MADE_HERE
     ) -> Floats:
         """Return the entries that ``blocks`` yields, in one array, (E, N)."""
         values = np.empty((self._own_entries, len(q)))
@@ -199,12 +198,10 @@ class Observer:
             values[:, part] = entries
         return values
 
-    def _friction_entries(
-        self, qd: Floats, qdd: Floats, coulomb_sign: Floats | None
-    ) -> list[Floats]:
+    def _friction_entries(self, qd: Floats, qdd: Floats, coulomb_sign: Floats) -> list[Floats]:
         columns = []
         for parameter in self._friction:
-            if coulomb_sign is not None and parameter.kind == "fc":
+            if coulomb_sign.size and parameter.kind == "fc":
                 columns.append(coulomb_sign[:, parameter.number - 1])
             else:
                 columns += friction_entries(parameter, self._robot, qd, qdd)
@@ -220,9 +217,9 @@ class Observer:
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns as one array, those of added effects zero, (N, n, p)."""
-        full = np.zeros((len(q), *self.shape))
+        full, own = np.zeros((len(q), *self.shape)), self._own_entries
         for part, entries in self.blocks(q, qd, qdd):
-            full[part, self.rows[: self._own_entries], self.cols[: self._own_entries]] = entries.T
+            full[part, self.rows[:own], self.cols[:own]] = entries.T
         return full
 
     def along(self, motion: ArmMotion) -> Floats:
@@ -245,11 +242,9 @@ class Observer:
         Returns:
             tau, (N, n) [N m or N].
         """
-        spread = np.zeros((self.shape[0], self._own_entries))
-        spread[self.rows[: self._own_entries], np.arange(self._own_entries)] = theta[
-            self.cols[: self._own_entries]
-        ]
-        tau = np.empty((len(q), self.shape[0]))
+        n, own = self.shape[0], self._own_entries
+        spread, tau = np.zeros((n, own)), np.empty((len(q), n))
+        spread[self.rows[:own], range(own)] = theta[self.cols[:own]]
         for part, entries in self.blocks(q, qd, qdd):
             tau[part] = (spread @ entries).T
         return tau
@@ -262,11 +257,6 @@ def _joined(parts: Sequence[Sequence[int] | NDArray[Any]]) -> Ints:
 def build_model(robot: Robot) -> Model:
     """Derive the model of an arm from its DH table."""
     return Model(robot, derive(robot))
-
-
-def parameter_names(robot: Robot) -> tuple[str, ...]:
-    """Return the names of all columns of an arm's model, (c)."""
-    return build_model(robot).parameter_names
 
 
 @lru_cache(maxsize=64)
@@ -303,19 +293,20 @@ def body_torques(robot: Robot, bodies: Floats, q: Floats, qd: Floats, qdd: Float
     return ModelTorques(model, values).rigid(q, qd, qdd)
 
 
-def expected_torque(
-    q: Floats, robot: Robot, qd: Floats | None = None, qdd: Floats | None = None
-) -> Floats:
-    """Return the torques of the prior bodies without friction, (N, n) [N m or N]; at rest where no motion is given.
+def expected_torque(q: Floats, robot: Robot, *motion: Floats) -> Floats:
+    """Return the torques of the prior bodies without friction, (N, n) [N m or N].
 
     Of bodies about which the robot file says nothing only the pattern over the poses means something.
+
+    Args:
+        q: positions, (N, n) [rad or m].
+        robot: the arm.
+        motion: velocities and accelerations, (N, n) each [rad/s or m/s, rad/s^2 or m/s^2]; none at rest.
     """
-    still, bodies = np.zeros_like(q), prior_parameters(robot)
+    bodies = prior_parameters(robot)
     if not (robot.prior and (robot.prior.links or robot.prior.cylinders)):
         bodies *= tuning.UNKNOWN_LINK_MASS_KG * robot.n / bodies[::10].sum()
-    return body_torques(
-        robot, bodies, q, still if qd is None else qd, still if qdd is None else qdd
-    )
+    return body_torques(robot, bodies, q, *(motion or np.zeros((2, *q.shape))))
 
 
 # ---------------------------------------------------------------- the model with numbers
@@ -360,9 +351,7 @@ class ModelTorques:
         """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
         last = 11 * (self._model.robot.n - 1)
         chosen = np.searchsorted(self._model.link_columns, np.arange(last, last + 10))
-        return np.ascontiguousarray(
-            self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1)
-        )
+        return self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1)
 
 
 def prior_vector(model: Model) -> Floats:
@@ -371,14 +360,10 @@ def prior_vector(model: Model) -> Floats:
     Nothing is known beforehand about rotor inertias, friction and added effects; they count as zero.
     """
     bodies = prior_parameters(model.robot).reshape(-1, len(BODY_PARAMETERS))
-    return np.array(
-        [
-            bodies[parameter.number - 1, BODY_PARAMETERS.index(parameter.kind)]
-            if parameter.of_body
-            else 0.0
-            for parameter in model.parameters
-        ]
-    )
+    gamma = np.zeros(model.size)
+    for link, columns in body_columns(model.parameters).items():
+        gamma[columns] = bodies[link - 1]
+    return gamma
 
 
 # ---------------------------------------------------------------- mass matrix

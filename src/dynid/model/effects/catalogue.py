@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NoReturn
+from dataclasses import dataclass, replace
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -154,7 +154,7 @@ def joined_motion(motions: list[ArmMotion]) -> ArmMotion:
     if len(motions) == 1:
         return motions[0]
     signals = ("t", "q", "qd", "qdd", "coulomb_sign")
-    parts = {key: np.concatenate([getattr(motion, key) for motion in motions]) for key in signals}
-    return ArmMotion(
-        **parts, robot=motions[0].robot, reference=motions[0].reference, smooth=motions[0].smooth
-    )
+    parts: dict[str, Any] = {
+        key: np.concatenate([getattr(motion, key) for motion in motions]) for key in signals
+    }
+    return replace(motions[0], **parts)

@@ -81,24 +81,23 @@ def friction_parameters(robot: Robot) -> tuple[Parameter, ...]:
 
 def friction_rows(parameter: Parameter) -> tuple[int, ...]:
     """Return the joints that friction or a coupled motor acts on, 0-based."""
-    return (
-        tuple(np.flatnonzero(parameter.share).tolist())
-        if parameter.share
-        else (parameter.number - 1,)
-    )
+    return tuple(np.flatnonzero(parameter.share).tolist()) or (parameter.number - 1,)
+
+
+def _share(parameter: Parameter, robot: Robot) -> Floats:
+    """Return how much of a friction column each joint feels, (n,)."""
+    return np.array(parameter.share or np.eye(robot.n)[parameter.number - 1])
 
 
 def friction_entries(parameter: Parameter, robot: Robot, qd: Floats, qdd: Floats) -> list[Floats]:
     """Return the entries of a friction column in its rows, each (N,) [N m or N per unit of the parameter]."""
     if parameter.kind == FRICTION_PARAMETERS["offset"]:
         return [np.ones(len(qd))]
-    motion = qdd if parameter.kind == "Imc" else qd
-    signal = (
-        motion @ np.array(parameter.share) if parameter.share else motion[:, parameter.number - 1]
-    )
+    share = _share(parameter, robot)
+    signal = (qdd if parameter.kind == "Imc" else qd) @ share
     if parameter.kind in ("fc", "fcc"):
         signal = coulomb_sign(signal, robot.coulomb_shape, parameter.number - 1)
-    return [share * signal for share in parameter.share if share] if parameter.share else [signal]
+    return [each * signal for each in share if each]
 
 
 def add_friction_gradient(
@@ -120,7 +119,7 @@ def add_friction_gradient(
         by_qdd: gradient by the accelerations, changed.
     """
     own, target = parameter.number - 1, by_qdd if parameter.kind == "Imc" else by_qd
-    share = np.array(parameter.share) if parameter.share else np.eye(len(robot.joints))[own]
+    share = _share(parameter, robot)
     slope = share[share != 0] @ np.array(weights)
     if parameter.kind in ("fc", "fcc"):
         shape = robot.coulomb_shape

@@ -99,7 +99,7 @@ class Effect:
         """Return the shapes that are tried; one empty shape when it is linear."""
         if self.shapes_of is not None:
             return self.shapes_of(motion, joints[0])
-        return [dict(shape) for shape in self.shapes]
+        return list(self.shapes)
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""

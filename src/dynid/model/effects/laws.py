@@ -176,4 +176,4 @@ def payload(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
 def payload_units(shape: Shape) -> dict[str, str]:
     """Return names and units of the first parameters of a body."""
     units = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
-    return dict(list(zip(LINK_PARAMETERS, units, strict=False))[: round(shape["form"])])
+    return dict(zip(LINK_PARAMETERS[: round(shape["form"])], units, strict=False))
