@@ -336,35 +336,29 @@ class JointRows:
         """Return the standard deviation of the factor of each column, (n, k) [N m or N], for sizes of the groups."""
         return np.sqrt(np.where(self.free > 0.0, self.free, size[GROUPS])) * self.noise[:, None]
 
-    def by_joint(self, size: Floats) -> list[tuple[Factor, Conditional]]:
-        """Return what each joint says of its own parameters, and its columns for these, for sizes of the groups."""
-        blocks = {"columns": self.k, "arm": self.factors.shape[2] - self.k - 1}
-        pairs = (
-            Factor(F, blocks).prior("columns", sd).without("columns")
-            for F, sd in zip(self.factors, self.deviations(size), strict=True)
-        )
-        return [(arm, columns.conditional) for arm, columns in pairs]
+    def parts(self, size: Floats, apart: Floats) -> list[tuple[Factor, Conditional]]:
+        """Return what each joint says of the parameters of the arm, and what it has beside them for these.
 
-    def released(self, own: Factor, size: float) -> tuple[Factor, Conditional]:
-        """Return what rows of own parameters theta + d say of theta, and d for it, d ~ N(0, size C); with 0 themselves.
+        That is the factors of its columns and, of a joint apart, its own parameters, each in what it is worth
+        beforehand: b in units of its deviation, and d ~ N(0, lambda C) in those of lambda^1/2 L.
 
         Args:
-            own: rows of a joint's own parameters.
-            size: lambda.
+            size: lambda of each group of columns.
+            apart: lambda of each joint, (n,).
         """
-        W, p = own["arm"], len(self.spread)
-        if not size:
-            return own, Conditional(np.zeros((p, p)), np.zeros((p, p)), np.zeros(p))
-        both = Factor.of({"own": W @ self.spread, "arm": W}, own.rows[:, -1])
-        both = replace(both, volume=own.volume).prior("own", np.full(p, np.sqrt(size)))
-        arm, d = both.without("own")
-        of = d.conditional
-        return arm, Conditional(*(self.spread @ x for x in (of.root, of.slope, of.mean)))
+        found = []
+        for F, sd, far in zip(self.factors, self.deviations(size), apart.tolist(), strict=True):
+            Z, W, right = F[:, : self.k], F[:, self.k : -1], F[:, -1]
+            own = np.sqrt(far) * (W @ self.spread) if far else W[:, :0]
+            beside = np.hstack([Z * sd, own])
+            rows = Factor.of({"beside": beside, "arm": W}, right)
+            arm, others = rows.prior("beside", np.ones(beside.shape[1])).without("beside")
+            found.append((arm, others.conditional))
+        return found
 
     def of_arm(self, size: Floats) -> Factor:
         """Return what the rows say of the parameters of the arm, (p,), as a triangle, for sizes of the groups."""
-        each = zip(self.by_joint(size), self.apart.tolist(), strict=True)
-        total = reduce(add, [self.released(own, apart)[0] for (own, _), apart in each])
+        total = reduce(add, [arm for arm, _ in self.parts(size, self.apart)])
         return replace(total, rows=triangle(total.rows))
 
     def residual(
@@ -379,16 +373,14 @@ class JointRows:
             counts: number of rows of each joint, (n,).
         """
         n, k, p = len(counts), self.k, len(theta)
-        mean, root, slope = (
-            np.zeros((n, k + p)),
-            np.zeros((n, k + p, k + p)),
-            np.zeros((n, k + p, p)),
-        )
-        for j, (own, b) in enumerate(self.by_joint(size)):
-            d = self.released(own, float(self.apart[j]))[1]
-            slope[j] = np.vstack([b.slope @ (np.eye(p) + d.slope), d.slope])
-            root[j] = np.block([[b.root, b.slope @ d.root], [np.zeros((p, k)), d.root]])
-            mean[j] = np.append(b.mean + b.slope @ d.mean, d.mean) + slope[j] @ theta
+        mean, slope = np.zeros((n, k + p)), np.zeros((n, k + p, p))
+        root, worth = np.zeros((2, n, k + p, k + p))
+        worth[:, range(k), range(k)] = self.deviations(size)
+        worth[:, k:, k:] = np.sqrt(self.apart)[:, None, None] * self.spread
+        for j, (_, beside) in enumerate(self.parts(size, self.apart)):
+            own = worth[j, :, : len(beside.mean)]
+            slope[j], root[j, :, : own.shape[1]] = own @ beside.slope, own @ beside.root
+            mean[j] = own @ beside.mean + slope[j] @ theta
         part = mean[:, :k, None]
         parts = np.concatenate([part * (GROUPS[:, None] == range(len(size))), part], axis=2)
         torque = np.linalg.norm(self.factors[:, :, :k] @ parts, axis=1)
@@ -506,8 +498,7 @@ def log_evidence(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tupl
         arm: where the prior of the parameters is taken for a normal distribution.
         size: lambda of each group, (groups,).
     """
-    joints, sd = np.flatnonzero(rows.apart == 0.0), rows.deviations(size)
-    each = rows.by_joint(size)
+    joints, each = np.flatnonzero(rows.apart == 0.0), rows.parts(size, rows.apart)
     total = sum(each[j][0].rows.T @ each[j][0].rows for j in joints)
     evidence, theta, root = evidence_of(arm, rows.K, np.asarray(total))
     slope = np.zeros(len(size))
@@ -517,7 +508,7 @@ def log_evidence(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tupl
         squares = (columns.mean + columns.slope @ theta) ** 2
         for part in (columns.slope @ root, columns.root):
             squares += np.sum(part**2, axis=1)
-        expected = np.where(rows.free[j] > 0.0, 0.0, squares / sd[j] ** 2 - 1.0)
+        expected = np.where(rows.free[j] > 0.0, 0.0, squares - 1.0)
         slope += 0.5 * np.bincount(GROUPS, expected, minlength=len(size))
     return evidence, slope
 
@@ -570,21 +561,19 @@ def joints_apart(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tupl
         size: lambda of each group of columns, (groups,).
     """
     sizes = np.append(0.0, tuning.APART_SIZES)
-    released = [
-        [rows.released(own, each)[0] for each in sizes.tolist()] for own, _ in rows.by_joint(size)
-    ]
-    S = np.array([[one.rows.T @ one.rows for one in some] for some in released])
-    volume = np.array([[one.volume for one in some] for some in released])
-    narrowed = rows.spread.T @ S[:, 0, :-1, :-1] @ rows.spread
+    released = [rows.parts(size, np.full_like(rows.apart, each)) for each in sizes]
+    S = np.array([[arm.rows.T @ arm.rows for arm, _ in each] for each in released])
+    volume = np.array([[arm.volume for arm, _ in each] for each in released])
+    narrowed = rows.spread.T @ S[0, :, :-1, :-1] @ rows.spread
     if np.linalg.norm(narrowed, 2, axis=(1, 2)).max(initial=0.0) > tuning.APART_TOLD:
         return rows.apart, 0.0
-    joints, before = np.arange(len(S)), rows.apart > 0.0
+    joints, before = np.arange(len(rows.apart)), rows.apart > 0.0
 
     def worth(place: Ints) -> float:
         if np.all(place):  # the last one has nobody left to contradict
             return -np.inf
-        evidence = evidence_of(arm, rows.K, S[joints, place].sum(axis=0))[0]
-        evidence += float(volume[joints, place].sum())
+        evidence = evidence_of(arm, rows.K, S[place, joints].sum(axis=0))[0]
+        evidence += float(volume[place, joints].sum())
         return evidence - tuning.APART_EVIDENCE * np.count_nonzero(place)
 
     place = np.searchsorted(sizes, rows.apart)
