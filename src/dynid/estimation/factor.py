@@ -26,6 +26,16 @@ def triangle(rows: Floats) -> Floats:
     return np.vstack([R, np.zeros((size - len(R), size))])
 
 
+def of_unit_diagonal(H: Floats) -> tuple[Floats, Floats]:
+    """Return D H D with a diagonal of ones, (c, c), and the diagonal of D, (c,); 1 where that of H is zero.
+
+    Parameters have units: numbers of a matrix that are many orders apart would be lost beside each other.
+    """
+    diagonal = np.diagonal(H)
+    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return unit[:, None] * H * unit, unit
+
+
 @dataclass(frozen=True)
 class Conditional:
     """A block for given values z of other ones: N(mean + slope z, root root^T).

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
 
@@ -27,7 +27,7 @@ import numpy as np
 from dynid.arrays import Floats, Ints, Mask
 from dynid.errors import LogTooShort, RankDeficient
 from dynid.estimation import tuning
-from dynid.estimation.factor import triangle
+from dynid.estimation.factor import of_unit_diagonal, triangle
 from dynid.estimation.rows import Rows
 from dynid.signals.filters import lowpass_kernel
 
@@ -75,10 +75,9 @@ def symmetric_root(matrix: Floats) -> Floats:
         matrix: symmetric, never negative, such as a covariance or an information, (p, p); where it knows nothing of a
             parameter, row and column are zero, and so are those of L.
     """
-    diagonal = np.diagonal(matrix)
-    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    value, vector = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0))
+    scaled, unit = of_unit_diagonal(matrix)
+    value, vector = np.linalg.eigh(scaled)
+    return vector / unit[:, None] * np.sqrt(np.maximum(value, 0.0))
 
 
 @dataclass(frozen=True)
@@ -224,9 +223,9 @@ def ordinary(factors: Floats, counts: Ints) -> Fit:
             f"{total:.0f} rows for {solution_of_all.rank} parameters", fix="record a longer motion"
         )
     noise = (solution_of_all.residual / (total - solution_of_all.rank)) ** 0.5
-    same = np.full(len(counts), max(noise, _floor(factors, counts).min()))
-    solution = solve(merge(factors, 1.0 / same))
-    return Fit("ols", solution.theta, same, solution.inverse, factors, counts)
+    noise = max(noise, _floor(factors, counts).min())
+    same, covariance = np.full(len(counts), noise), noise**2 * solution_of_all.inverse
+    return Fit("ols", solution_of_all.theta, same, covariance, factors, counts)
 
 
 def weighted(factors: Floats, counts: Ints) -> Fit:
@@ -239,15 +238,15 @@ def weighted(factors: Floats, counts: Ints) -> Fit:
     Returns:
         The fit; its covariance is that of white residuals.
     """
-    first = ordinary(factors, counts)
-    noise = _joint_noise(factors, counts, first.theta, first.noise, first.covariance)
+    fit = replace(ordinary(factors, counts), method="wls")
     for _ in range(tuning.FIT_ROUNDS):
-        solution, before = solve(merge(factors, 1.0 / noise)), noise
-        noise = _joint_noise(factors, counts, solution.theta, noise, solution.inverse)
-        if np.all(np.abs(noise - before) <= 1e-4 * before):
+        noise = _joint_noise(fit)
+        solution = solve(merge(factors, 1.0 / noise))
+        settled = np.all(np.abs(noise - fit.noise) <= 1e-4 * fit.noise)
+        fit = replace(fit, theta=solution.theta, noise=noise, covariance=solution.inverse)
+        if settled:
             break
-    solution = solve(merge(factors, 1.0 / noise))
-    return Fit("wls", solution.theta, noise, solution.inverse, factors, counts)
+    return fit
 
 
 def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:
@@ -262,19 +261,15 @@ def relative_error(factors: Floats, theta: Floats) -> float:
     return float(100.0 * np.linalg.norm(residual) / np.linalg.norm(factors[..., -1]))
 
 
-def _joint_noise(
-    factors: Floats, counts: Ints, theta: Floats, noise: Floats, covariance: Floats
-) -> Floats:
+def _joint_noise(fit: Fit) -> Floats:
     """Return residual rms per joint, corrected for the parameters that each joint's own rows have spent."""
-    scaled = factors[:, :, :-1] / noise[:, None, None]
-    spent = np.einsum("jab,bc,jac->j", scaled, covariance, scaled, optimize=True)
+    counts, scaled = fit.counts, fit.factors[:, :, :-1] / fit.noise[:, None, None]
+    spent = np.einsum("jab,bc,jac->j", scaled, fit.covariance, scaled, optimize=True)
     free = counts - spent
     # Why: what a joint's few rows leave of its noise says nothing once as many parameters were fitted to them.
-    own = joint_rms(factors, counts, theta) * np.sqrt(
-        counts / np.maximum(free, tuning.LEAST_ROWS_LEFT)
-    )
-    own = np.where(free > tuning.LEAST_ROWS_LEFT, own, noise)
-    return np.maximum(own, _floor(factors, counts))
+    own = fit.rms * np.sqrt(counts / np.maximum(free, tuning.LEAST_ROWS_LEFT))
+    own = np.where(free > tuning.LEAST_ROWS_LEFT, own, fit.noise)
+    return np.maximum(own, _floor(fit.factors, counts))
 
 
 def _floor(factors: Floats, counts: Ints) -> Floats:
@@ -320,8 +315,8 @@ def hac_covariance(
         of_joints = (x.swapaxes(0, 1) for x in (rows.instruments, rows.W))
         # Why joint by joint: products of all rows at once take the memory of several regressors.
         sensitivity = sum((Z.T * w) @ W for Z, W, w in zip(*of_joints, weight.T, strict=True))
-        scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
-        bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
+        scaled, unit = of_unit_diagonal(np.asarray(sensitivity))
+        bread = unit[:, None] * np.linalg.inv(scaled) * unit
     return coloured(rows, rows.scores(np.clip(residual, -limit, limit) / noise**2), bread)
 
 

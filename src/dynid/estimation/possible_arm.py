@@ -28,6 +28,7 @@ import numpy as np
 from dynid.arrays import Floats, Mask
 from dynid.errors import NotPhysical
 from dynid.estimation import tuning
+from dynid.estimation.factor import of_unit_diagonal
 from dynid.estimation.possible_set import (
     Objective,
     PhysicalConstraints,
@@ -467,13 +468,9 @@ def with_honest_errors(
 
 def inverse(H: Floats) -> Floats:
     """Return H^-1, (c, c); 0 for parameters that H does not see at all."""
-    seen = np.diagonal(H) > 0.0
-    scale = 1.0 / np.sqrt(np.diagonal(H)[seen])
-    inverse = np.zeros_like(H)
-    scaled = scale[:, None] * H[np.ix_(seen, seen)] * scale
+    scaled, unit = of_unit_diagonal(H)
     # Why a pseudo-inverse: noise-free rows next to a wide prior make the matrix singular in double precision.
-    inverse[np.ix_(seen, seen)] = scale[:, None] * np.linalg.pinv(scaled, hermitian=True) * scale
-    return inverse
+    return np.asarray(unit[:, None] * np.linalg.pinv(scaled, hermitian=True) * unit)
 
 
 # ---------------------------------------------------------------- before anything is measured

@@ -20,7 +20,15 @@ import numpy as np
 
 from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
-from dynid.model.parameters import Parameter, body_columns, columns_of, inertia_of
+from dynid.estimation.factor import of_unit_diagonal
+from dynid.model.parameters import (
+    TENSOR,
+    Parameter,
+    body_columns,
+    columns_of,
+    inertia_of,
+    second_moments,
+)
 from dynid.robot import Known
 
 # ---------------------------------------------------------------- the set
@@ -35,12 +43,9 @@ def basis() -> Floats:
     E[0, 3, 3] = 1.0
     for axis in range(3):
         E[1 + axis, axis, 3] = E[1 + axis, 3, axis] = 1.0
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-        if i == j:
-            E[4 + k, :3, :3] = 0.5 * np.eye(3)
-            E[4 + k, i, i] = -0.5
-        else:
-            E[4 + k, i, j] = E[4 + k, j, i] = -1.0
+    for k, (i, j) in enumerate(TENSOR, start=4):
+        E[k, i, j] = E[k, j, i] = 1.0
+        E[k, :3, :3] = second_moments(E[k, :3, :3])
     E.setflags(write=False)
     return E
 
@@ -249,11 +254,9 @@ def solve_scaled(H: Floats, b: Floats) -> Floats:
 
     Directions that H does not see at all, such as the difference of an effect that is given twice, stay where they are.
     """
-    diagonal = np.diagonal(H)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = scale[:, None] * H * scale
+    scaled, unit = of_unit_diagonal(H)
     scaled[np.diag_indices_from(scaled)] = 1.0
     try:
-        return scale * np.linalg.solve(scaled, scale * b)
+        return unit * np.linalg.solve(scaled, unit * b)
     except np.linalg.LinAlgError:
-        return scale * np.linalg.lstsq(scaled, scale * b, rcond=None)[0]
+        return unit * np.linalg.lstsq(scaled, unit * b, rcond=None)[0]

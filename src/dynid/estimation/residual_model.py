@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
-from dynid.estimation.factor import Conditional, Factor, triangle
+from dynid.estimation.factor import Conditional, Factor, of_unit_diagonal, triangle
 from dynid.estimation.least_squares import Fit, symmetric_root
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
@@ -434,8 +434,8 @@ SETTLED = 1e-12
 NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
 #: Change of the log evidence that tells nothing: a size without which it falls by less is none.
 UNTOLD = 1e-4
-#: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
-SINGULAR = 1e-5
+#: What is added to a matrix with a diagonal of ones before it is factored: a few times its rounding.
+SINGULAR = 1e-13
 
 
 def arm_of(
@@ -462,28 +462,13 @@ def evidence_of(arm: PhysicalParameters, K: Floats, S: Floats) -> tuple[float, F
     """
     theta = K @ arm.x
     away = np.append(theta, -1.0)
-    gradient = -K.T @ (S[:-1] @ away)
-    H = K.T @ S[:-1, :-1] @ K + arm.prior
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    root, volume = _inverse_root(scale[:, None] * H * scale)
-    weights = root.T @ (scale * gradient)
-    evidence = -0.5 * float(away @ S @ away - weights @ weights)
-    root = K @ (scale[:, None] * root)
-    return evidence + volume + float(np.sum(np.log(scale))), theta + root @ weights, root
-
-
-def _inverse_root(H: Floats) -> tuple[Floats, float]:
-    """Return B with B B^T = H^-1, (c, c), and the logarithm of its determinant, of H with a diagonal of ones."""
-    try:
-        lower = np.linalg.cholesky(H)
-        if np.min(np.diagonal(lower)) > SINGULAR:
-            return np.linalg.inv(lower).T, -float(np.sum(np.log(np.diagonal(lower))))
-    except np.linalg.LinAlgError:
-        pass
-    # Why eigenvalues, which take ten times as long: noise-free rows make H singular in double precision.
-    value, vector = np.linalg.eigh(H)
-    value = np.maximum(value, 1e-14)
-    return vector / np.sqrt(value), -0.5 * float(np.sum(np.log(value)))
+    H, unit = of_unit_diagonal(K.T @ S[:-1, :-1] @ K + arm.prior)
+    # Why a little more: noise-free rows make H singular in double precision.
+    lower = np.linalg.cholesky(H + SINGULAR * np.eye(len(H)))
+    root = K @ (unit[:, None] * np.linalg.inv(lower).T)
+    weights = -root.T @ (S[:-1] @ away)
+    volume = float(np.sum(np.log(unit / np.diagonal(lower))))
+    return volume - 0.5 * float(away @ S @ away - weights @ weights), theta + root @ weights, root
 
 
 def log_evidence(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tuple[float, Floats]:
