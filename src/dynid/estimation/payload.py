@@ -20,7 +20,7 @@ from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
-from dynid.estimation.factor import Factor, triangle
+from dynid.estimation.factor import Factor, of_unit_diagonal, triangle
 from dynid.estimation.identified import body_facts
 from dynid.estimation.least_squares import solvable, symmetric_root
 from dynid.estimation.possible_arm import fit_pooled
@@ -177,50 +177,43 @@ class LoadProblem:
         n, common = len(self.factors), tuning.COMMON_SCALE_SHARE * scale_error**2
         covariance = common + (scale_error**2 - common + own**2) * np.eye(n)
         scale = symmetric_root(covariance)
-        root = symmetric_root(information_of(self.unloaded)[0]).T
-        problem = Factor.of({"arm": root}, root @ self.unloaded.theta)
+        root, theta = symmetric_root(information_of(self.unloaded)[0]).T, self.unloaded.theta
+        problem = Factor.of({"arm": root}, root @ theta)
         problem = problem.prior("friction", self._friction_change())
         problem = problem.prior("scale", np.ones(n)).prior("drift", np.ones(n))
-        alone = []
-        for j, moved in enumerate(self._moved_by_gains):
-            rows, bare = self._of_joint(j, moved @ scale)
-            problem += rows
-            alone.append(bare.rows)
+        # Why of real arms only: the residual model is evidence for more than the model has.
+        real = self.unloaded.model_error is not None
+        drifts, free = tuning.SCALE_DRIFT * real * np.eye(n), []
+        for rows, moved, drift in zip(self._rows, self._moved_by_gains, drifts, strict=True):
+            arm, W, right = rows["arm"], rows["change"], rows.rows[:, -1]
+            unknown = {"friction": W[:, self.friction], "scale": W @ moved @ scale}
+            unknown |= {"drift": np.outer(W @ self.torque, drift), "load": W @ self.K}
+            problem += Factor.of({"arm": arm, **unknown}, right)
+            free.append(np.column_stack([W, right - arm @ theta]))
         load = problem.without("arm", "friction", "scale", "drift")[0]
-        R, unexplained = triangle(load.rows), triangle(np.vstack(alone))[-1, -1]
+        R, unexplained = triangle(load.rows), triangle(np.vstack(free))[-1, -1]
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
         beyond = max(0.0, float(R[-1, -1] ** 2 - unexplained**2))
         freedom = int(np.linalg.matrix_rank(root)) - len(R) + 1 - self.friction.sum()
         evidence = load.without("load")[0].volume - 0.5 * float(R[-1, -1] ** 2)
         return R[:-1, :-1], R[:-1, -1], beyond / max(1, freedom), evidence
 
-    def _of_joint(self, joint: int, moved: Floats) -> tuple[Factor, Factor]:
-        """Return rows of one joint in the unknowns, and in free base parameters, the residual model integrated out.
-
-        Args:
-            joint: its number.
-            moved: change of the parameters of its rows by the unknown scales, (p, n).
-        """
-        F, residual, theta = self.factors[joint], self.residual, self.unloaded.theta
-        k, p = F.shape[1] - len(theta) - 1, len(theta)
-        W, size = F[:, k:-1], k + p * (residual is not None and residual.apart[joint] > 0.0)
-        drift = np.zeros((len(F), len(self.factors)))
-        # Why of real arms only: the residual model is evidence for more than the model has.
-        if self.unloaded.model_error is not None:
-            drift[:, joint] = tuning.SCALE_DRIFT * (W @ self.torque)
-        unknown = {"friction": W[:, self.friction], "scale": W @ moved, "drift": drift}
-        alone = Factor.of({"columns": F[:, :size], "arm": W}, F[:, -1])
-        rows = Factor.of(
-            {"columns": F[:, :size], "arm": W, **unknown, "load": W @ self.K}, F[:, -1]
-        )
-        if residual is None:
-            return rows, alone
-        inverse = np.asarray(np.linalg.inv(residual.root[joint, :size, :size]))
-        slope = inverse @ residual.slope[joint, :size]
-        mean = inverse @ residual.mean[joint, :size]
-        rows += Factor.of({"columns": inverse, "arm": -slope}, mean - slope @ theta)
-        alone += Factor.of({"columns": inverse}, mean)
-        return rows.without("columns")[0], alone.without("columns")[0]
+    @cached_property
+    def _rows(self) -> list[Factor]:
+        """Rows of each joint in the parameters of the arm and their change, the residual model integrated out."""
+        found, residual, theta = [], self.residual, self.unloaded.theta
+        k = self.factors.shape[2] - len(theta) - 1
+        for j, F in enumerate(self.factors):
+            apart = residual is not None and residual.apart[j]
+            W, size = F[:, k:-1], k + len(theta) if apart else k
+            rows = Factor.of({"beside": F[:, :size], "arm": W, "change": W}, F[:, -1])
+            if residual is not None:
+                inverse = np.asarray(np.linalg.inv(residual.root[j, :size, :size]))
+                slope = inverse @ residual.slope[j, :size]
+                right = inverse @ residual.mean[j, :size] - slope @ theta
+                rows += Factor.of({"beside": inverse, "arm": -slope}, right)
+            found.append(rows.without("beside")[0])
+        return found
 
     @cached_property
     def _moved_by_gains(self) -> Floats:
@@ -232,12 +225,10 @@ class LoadProblem:
         n, whiten = len(self.factors), information_of(self.unloaded)[1]
         W = self.unloaded.factors[:, :, :-1] / whiten[:, None, None]
         information = W.swapaxes(1, 2) @ W
-        size = np.sqrt(np.maximum(np.diagonal(information.sum(axis=0)), 1e-300))
-        share = information / np.outer(size, size) + UNTOLD * np.eye(len(size))
-        moved = (
-            np.linalg.solve(share.sum(axis=0), (share @ (size * self.unloaded.theta)).T)
-            / size[:, None]
-        )
+        unit = of_unit_diagonal(information.sum(axis=0))[1]
+        share = unit[:, None] * information * unit + UNTOLD * np.eye(len(unit))
+        told = (share @ (self.unloaded.theta / unit)).T
+        moved = unit[:, None] * np.linalg.solve(share.sum(axis=0), told)
         return np.einsum("p,jk->jpk", self.torque, np.eye(n)) - moved
 
     def _friction_change(self) -> Floats:
