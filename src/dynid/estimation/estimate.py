@@ -54,18 +54,14 @@ HoldOut: TypeAlias = tuple[Stack, Stack, str]
 
 
 def last_share(stack: Stack, share: float) -> HoldOut | None:
-    """Hold out the last share of each log, in whole blocks of time; None where no log has two.
+    """Hold out the last share of each log; None where there are no rows.
 
     Args:
         stack: the stacked logs.
         share: between 0 and 1.
     """
-    rows, held = stack.rows, np.zeros(len(stack.rows.t), dtype=bool)
-    for log in np.unique(rows.log):
-        blocks = np.unique(rows.block[rows.log == log])
-        cut = max(1, len(blocks) - max(1, round(share * len(blocks))))
-        held |= np.isin(rows.block, blocks[cut:])
-    return _split(stack, held, f"last {100 * share:.0f} % of each log, {SAME_MOTION}")
+    what = f"last {100 * share:.0f} % of each log, {SAME_MOTION}"
+    return _split(stack, stack.rows.progress >= 1.0 - share, what)
 
 
 def _split(stack: Stack, held: Mask, what: str) -> HoldOut | None:

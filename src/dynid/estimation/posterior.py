@@ -239,22 +239,21 @@ class Parts:
             inflation: how many rows are worth one independent row, as far as the covariance counts it.
             robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
         """
-        logs, grams, rows = [], [], stack.rows
-        for log in range(len(stack.logs)):
-            of_log = np.unique(rows.block[rows.log == log])
-            for blocks in filter(len, np.array_split(of_log, tuning.PARTS_OF_LOG)):
-                part = stack.take(np.isin(rows.block, blocks))
-                if error is None:
-                    F, estimate = part.factors, np.tile(theta, (len(noise), 1))
-                else:
-                    F = error.factors(part, noise, robust) * (error.apart == 0.0)[:, None, None]
-                    estimate = error.mean.copy()
-                    estimate[:, error.k :] = theta
-                F = F / (noise * np.sqrt(inflation))[:, None, None]
-                F[:, :, -1] -= np.einsum("jmk,jk->jm", F[:, :, :-1], estimate)
-                logs.append(log)
-                grams.append(F.swapaxes(1, 2) @ F)
-        return cls(np.array(logs), np.array(grams))
+        rows, each = stack.rows, tuning.PARTS_OF_LOG
+        part = each * rows.log + np.floor(each * rows.progress).astype(int)
+        estimate, grams = np.tile(theta, (len(noise), 1)), []
+        if error is not None:
+            estimate = np.hstack([error.mean[:, : error.k], estimate])
+        for number in np.unique(part):
+            of_part = stack.take(part == number)
+            if error is None:
+                F = of_part.factors
+            else:
+                F = error.factors(of_part, noise, robust) * (error.apart == 0.0)[:, None, None]
+            F = F / (noise * np.sqrt(inflation))[:, None, None]
+            F[:, :, -1] -= np.einsum("jmk,jk->jm", F[:, :, :-1], estimate)
+            grams.append(F.swapaxes(1, 2) @ F)
+        return cls(np.unique(part) // each, np.array(grams))
 
     def disagreement(self, covariance: Floats, error: ModelError | None, informed: Mask) -> float:
         """Return the variance between the estimates of parts over the one that their rows predict.

@@ -23,7 +23,7 @@ from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, decimate
 
 #: Arrays of rows that are joined and taken.
-ARRAYS = ("W", "tau", "use", "t", "log", "block", "begins")
+ARRAYS = ("W", "tau", "use", "t", "log", "begins")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,6 @@ class Rows:
         use: rows that count, (M, n).
         t: time, (M,) [s].
         log: number of the log, (M,).
-        block: number of the block of time, (M,).
         begins: whether there is a gap before, (M,).
         cutoff: cut-off frequency of the parallel filter [Hz]; 0 for none.
         Z: instruments, (M, n, p): the regressor on the commanded motion, which knows no measurement noise.
@@ -49,7 +48,6 @@ class Rows:
     use: Mask
     t: Floats
     log: Ints
-    block: Ints
     begins: Mask
     cutoff: float = 0.0
     Z: Floats | None = None
@@ -59,7 +57,7 @@ class Rows:
         """Return the rows of one run without gaps, W (M, n, p) and tau (M, n), at times t, (M,) [s]."""
         t = np.arange(len(tau), dtype=float) if t is None else t
         zero, use = np.zeros(len(tau), dtype=np.int64), np.ones(tau.shape, dtype=bool)
-        return cls(W, tau, use, t, zero, zero, np.arange(len(tau)) == 0)
+        return cls(W, tau, use, t, zero, np.arange(len(tau)) == 0)
 
     @property
     def size(self) -> int:
@@ -71,6 +69,12 @@ class Rows:
         """The runs of rows without gaps."""
         edges = np.append(np.flatnonzero(self.begins), len(self.t)).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
+
+    @property
+    def progress(self) -> Floats:
+        """Which share of the rows of its log comes before each row, (M,)."""
+        first, last = (np.searchsorted(self.log, self.log, side) for side in ("left", "right"))
+        return (np.arange(len(self.log)) - first) / (last - first)
 
     @property
     def instruments(self) -> Floats:
@@ -124,11 +128,9 @@ class Rows:
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Return the rows of several, one after the other; logs as they are numbered, blocks numbered anew."""
+    """Return the rows of several, one after the other; logs as they are numbered."""
     if len(parts) == 1:
         return parts[0]
-    first = np.cumsum([0, *(each.block.max(initial=-1) + 1 for each in parts[:-1])])
-    parts = [replace(each, block=k + each.block) for k, each in zip(first, parts, strict=True)]
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in parts]) for name in ARRAYS
     }
@@ -153,7 +155,6 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Rows:
     return replace(
         Rows.of(regressor_of(log, observer), at_rows(log, lambda part: part.tau.T), t),
         use=use,
-        block=_blocks(counts, chosen),
         begins=np.isin(np.arange(len(t)), np.cumsum([0, *counts])),
         cutoff=chosen.cutoff,
     )
@@ -231,18 +232,6 @@ def _counts(log: ConditionedLog) -> list[int]:
     """Return how many rows each segment makes."""
     taps, step = log.filter.second_kernel.shape[1], log.filter.second_step
     return [max(0, (len(segment) - taps) // step + 1) for segment in log.segments]
-
-
-def _blocks(counts: Sequence[int], chosen: Filter) -> Ints:
-    """Return the number of the block of time of each row; blocks of a segment are as long as each other."""
-    seconds = round(chosen.kept_rate * tuning.BLOCK_SECONDS)
-    length = max(1, seconds, -(-sum(counts) // tuning.MOST_BLOCKS))
-    numbers, first = [np.zeros(0, dtype=np.int64)], 0
-    for count in filter(None, counts):
-        edges = np.linspace(0, count, max(1, round(count / length)) + 1).astype(int)
-        numbers.append(first + np.searchsorted(edges, np.arange(count), side="right") - 1)
-        first += len(edges) - 1
-    return np.concatenate(numbers)
 
 
 def robust_noise(rows: Rows, theta: Floats) -> Floats:

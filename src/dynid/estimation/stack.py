@@ -79,10 +79,8 @@ class Stack:
     @property
     def samples(self) -> int:
         """Number of instants in the stack."""
-        rows = self.rows
-        of_blocks = [np.bincount(rows.block, use) for use in rows.use.T]
         earlier = 0 if self.earlier is None else self.earlier.counts.max()
-        return int(np.max(of_blocks, axis=0).sum() + earlier)
+        return int(self.rows.use.any(axis=1).sum() + earlier)
 
     @cached_property
     def factors(self) -> Floats:

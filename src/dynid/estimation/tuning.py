@@ -3,11 +3,6 @@
 import numpy as np
 
 # ---------------------------------------------------------------- rows
-#: Length of a block of time [s]: longer than the correlation of the residuals, short enough for a fine hold-out.
-#: evidence: none yet.
-BLOCK_SECONDS = 1.0
-#: At most this many blocks per log, so that the factors of an hour stay small. evidence: none yet.
-MOST_BLOCKS = 64
 #: Samples evaluated at once. evidence: none yet.
 ROWS_EVALUATED = 4096
 
