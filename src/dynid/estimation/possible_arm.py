@@ -474,41 +474,21 @@ def inverse(H: Floats) -> Floats:
 
 
 # ---------------------------------------------------------------- before anything is measured
-def exciting_speed(robot: Robot) -> Floats:
-    """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
-    limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
-    return np.array(
-        [tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits]
-    )
-
-
-def random_states(
-    robot: Robot, speed: Floats, count: int = tuning.RANDOM_STATES, seed: int = 0
-) -> tuple[Floats, Floats, Floats]:
-    """Return positions inside the limits with velocities and accelerations of the order of a motion, (count, n) each.
+def exciting_states(robot: Robot, least: Floats | float = 0.0) -> tuple[Floats, Floats, Floats]:
+    """Return positions, velocities and accelerations of an exciting motion inside the limits, (N, n) each.
 
     Args:
         robot: the arm.
-        speed: rms speed of each joint, (n,) [rad/s or m/s].
-        count: number of states.
-        seed: of the random draws.
+        least: rms speed that each joint has at least, (n,) [rad/s or m/s].
     """
-    rng = np.random.default_rng(seed)
+    limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
+    usual = [tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits]
+    speed, rng = np.maximum(usual, least), np.random.default_rng(0)
     turning, sliding = (tuning.FREE_REACH[kind] for kind in (True, False))
     low, high = robot.travel((-turning, turning), (-sliding, sliding))
-    q = rng.uniform(low, high, (count, robot.n))
+    q = rng.uniform(low, high, (tuning.RANDOM_STATES, robot.n))
     qd = rng.uniform(-2.0, 2.0, q.shape) * speed
     return q, qd, rng.uniform(-4.0, 4.0, q.shape) * speed
-
-
-def exciting_states(
-    base: BaseModel, count: int = tuning.RANDOM_STATES
-) -> tuple[Floats, Floats, Floats]:
-    """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
-    speed = exciting_speed(base.robot)
-    q, qd, _ = random_states(base.robot, speed, count, seed=1)
-    fastest = 2 * np.pi * tuning.EXCITING_FREQUENCY * speed
-    return q, qd, np.random.default_rng(2).normal(size=q.shape) * fastest
 
 
 def prior_covariance(base: BaseModel) -> Floats:
@@ -525,7 +505,7 @@ def prior_covariance(base: BaseModel) -> Floats:
     """
     constraints, K = constraints_of(base), base.reduction.K
     require_possible_prior(constraints)
-    states, bodies = exciting_states(base), constraints.bodies
+    states, bodies = exciting_states(base.robot), constraints.bodies
     theta = base.prior(unknown=0.0)
     torque = np.sqrt(np.mean((base.observer.dense(*states) @ theta) ** 2, axis=0))
     torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))

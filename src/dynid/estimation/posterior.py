@@ -365,7 +365,7 @@ def expected_error(stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
     spread = np.sum(doubt**2, axis=(1, 2)) / count
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     noise = larger * np.sqrt(rms**2 + np.maximum(spread - other, 0.0))
-    q, qd, qdd = exciting_states(base)
+    q, qd, qdd = exciting_states(base.robot)
     W = base.observer.dense(q, qd, qdd)
     tau, shapes = W @ post.theta, None
     if error is not None:
@@ -387,7 +387,7 @@ def uncertainty(base: BaseModel, covariance: Floats, reference: Floats) -> float
         covariance: of the parameters, (p, p).
         reference: possible parameters, whose torques on that motion are 100 %, (p,).
     """
-    W = base.observer.dense(*exciting_states(base, tuning.FEW_STATES))
+    W = base.observer.dense(*exciting_states(base.robot))
     return _percent(np.sum((W @ symmetric_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
 
 

@@ -36,10 +36,9 @@ from dynid.estimation.least_squares import Fit, symmetric_root
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
-    exciting_speed,
+    exciting_states,
     fit_pooled,
     prior_covariance,
-    random_states,
 )
 from dynid.estimation.rows import at_rows
 from dynid.estimation.stack import Stack
@@ -417,7 +416,7 @@ def _projection(base: BaseModel, columns: Columns) -> Floats:
     Their speeds are at least those of an exciting motion: what a joint that crawls leaves to the columns would grow
     with the speed of another motion without bounds.
     """
-    q, qd, qdd = random_states(base.robot, np.maximum(columns.speed, exciting_speed(base.robot)))
+    q, qd, qdd = exciting_states(base.robot, columns.speed)
     W = base.observer.dense(q, qd, qdd)
     D = _loaded(columns.shapes_at(q, qd, base.observer), W @ columns.reference) / columns.scale
     projection = np.zeros_like(columns.projection)

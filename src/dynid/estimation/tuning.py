@@ -127,7 +127,8 @@ RESIDUAL_BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
 #: Gain of the log evidence from which on there is model error: three sizes were chosen.
 #: evidence: none yet.
 RESIDUAL_EVIDENCE = 4.0
-#: Random states inside the limits over which the columns are made orthogonal to the parameters. evidence: none yet.
+#: States of an exciting motion: torques are judged on them, and columns made orthogonal to the parameters.
+#: evidence: none yet.
 RANDOM_STATES = 1500
 #: Rms speed of an exciting motion, as a share of the velocity limits, and of a joint without such a limit: turning
 #: [rad/s], sliding [m/s]. evidence: none yet.
@@ -172,10 +173,6 @@ UNSEEN_RESIDUAL = 1.2
 #: Gain of the log evidence from which on a joint has a torque of its position that no possible arm has, and joints
 #: that may have one. evidence: none yet.
 LARGE_TORQUE_EVIDENCE, LARGE_TORQUE_JOINTS = 10.0, 3
-#: Mean frequency of an exciting motion [Hz]. evidence: none yet.
-EXCITING_FREQUENCY = 0.3
-#: States of it that tell how uncertain a log leaves it. evidence: none yet.
-FEW_STATES = 200
 
 #: Least torque that a joint is thought to need before anything is measured, as a share of the largest of any joint.
 #: evidence: none yet.
