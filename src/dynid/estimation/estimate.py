@@ -54,14 +54,16 @@ HoldOut: TypeAlias = tuple[Stack, Stack, str]
 
 
 def last_share(stack: Stack, share: float) -> HoldOut | None:
-    """Hold out the last share of each log; None where there are no rows.
+    """Hold out the last share of each log; None where all are too short.
 
     Args:
         stack: the stacked logs.
         share: between 0 and 1.
     """
-    what = f"last {100 * share:.0f} % of each log, {SAME_MOTION}"
-    return _split(stack, stack.rows.progress >= 1.0 - share, what)
+    rows, what = stack.rows, f"last {100 * share:.0f} % of each log, {SAME_MOTION}"
+    shortest = tuning.SHORTEST_SPLIT_S * stack.logs[0].filter.kept_rate
+    long = np.bincount(rows.log)[rows.log] >= shortest
+    return _split(stack, long & (rows.progress >= 1.0 - share), what)
 
 
 def _split(stack: Stack, held: Mask, what: str) -> HoldOut | None:
