@@ -39,16 +39,14 @@ RIDGE_SPREAD, RIDGE_LEAST = 0.5, 0.1
 
 # ---------------------------------------------------------------- spikes
 def has_spikes(rows: Rows, theta: Floats) -> bool:
-    """Return whether the residuals of a first fit, (p,), have so many spikes that the robust fit is worth its price.
+    """Return whether the residuals of a first fit, (p,), have such spikes that the robust fit is worth its price.
 
-    That is a small loss of efficiency: many spikes and heavy tails at one joint.
+    That is a small loss of efficiency: heavy tails at one joint.
     """
-    scaled, count = rows.residual(theta) / robust_noise(rows, theta), np.maximum(rows.counts, 1)
-    shares = np.sum(np.abs(scaled) > tuning.SPIKE_ERRORS, axis=0) / count
-    centred = np.where(rows.use, scaled - scaled.sum(axis=0) / count, 0.0)
+    residual, count = rows.residual(theta), np.maximum(rows.counts, 1)
+    centred = np.where(rows.use, residual - residual.sum(axis=0) / count, 0.0)
     square, fourth = (np.sum(centred**power, axis=0) / count for power in (2, 4))
-    heavy = fourth > tuning.SPIKE_KURTOSIS * np.maximum(square**2, 1e-300)
-    return bool(np.any((shares > tuning.SPIKE_SHARE) & heavy))
+    return bool(np.any(fourth > tuning.SPIKE_KURTOSIS * np.maximum(square**2, 1e-300)))
 
 
 def huber(rows: Rows, start: Fit) -> Fit:

@@ -58,12 +58,9 @@ HUBER = 1.345
 #: Rms change of a round, in standard errors of independent combinations of parameters, from which on weights have
 #: settled. evidence: none yet.
 HUBER_SETTLED = 1e-3
-#: A residual beyond this many robust standard deviations is a spike; 2 in 10^9 of normal ones are.
-#: evidence: that law.
-SPIKE_ERRORS = 6.0
-#: Share of spikes and kurtosis from which on the robust fit is used. Coloured but spike-free residuals of arms reach
-#: a kurtosis of 5; one percent of spikes gives 20 and more. evidence: those figures.
-SPIKE_SHARE, SPIKE_KURTOSIS = 1e-3, 8.0
+#: Kurtosis of a joint's residuals from which on the robust fit is used. Coloured but spike-free residuals of arms reach
+#: 5; one percent of spikes gives 20 and more. evidence: those figures.
+SPIKE_KURTOSIS = 8.0
 #: Rows of a joint below which their middle is no noise: a joint that hardly moves has as many as it has parameters.
 #: evidence: none yet.
 NOISE_LEAST_ROWS = 20
