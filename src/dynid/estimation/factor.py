@@ -9,7 +9,7 @@ Source: Bierman 1977, "Factorization methods for discrete sequential estimation"
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,45 +56,37 @@ class Factor:
     """Whitened rows of blocks of columns and their right side; ``+`` puts rows together.
 
     Attributes:
-        rows: [X y], (N, c + 1).
-        blocks: width of each block by name, in the order of the columns.
+        blocks: columns of each block by name, (N, c_b).
+        right: right side y, (N,).
         volume: logarithm of the determinants of what was integrated out.
     """
 
-    rows: Floats
-    blocks: dict[str, int]
+    blocks: dict[str, Floats]
+    right: Floats
     volume: float = 0.0
 
-    @classmethod
-    def of(cls, blocks: dict[str, Floats], right: Floats) -> Factor:
-        """Return the rows of blocks (N, c_b) and their right side (N,)."""
-        widths = {name: columns.shape[1] for name, columns in blocks.items()}
-        return cls(np.column_stack([*blocks.values(), right]), widths)
-
-    def __getitem__(self, name: str) -> Floats:
-        """Return the columns of a block, (N, c_b)."""
-        names = list(self.blocks)
-        first = sum(self.blocks[each] for each in names[: names.index(name)])
-        return self.rows[:, first : first + self.blocks[name]]
-
-    def over(self, blocks: dict[str, int]) -> Floats:
-        """Return [X y] with the columns of other blocks, (N, c + 1); zeros of those that are not here."""
-        parts = [
-            self[name] if name in self.blocks else np.zeros((len(self.rows), width))
-            for name, width in blocks.items()
-        ]
-        return np.column_stack([*parts, self.rows[:, -1]])
+    @property
+    def rows(self) -> Floats:
+        """[X y], (N, c + 1)."""
+        return np.column_stack([*self.blocks.values(), self.right])
 
     def __add__(self, other: Factor) -> Factor:
-        """Return the rows of both."""
-        blocks = {**self.blocks, **other.blocks}
-        rows = np.vstack([self.over(blocks), other.over(blocks)])
-        return Factor(rows, blocks, self.volume + other.volume)
+        """Return the rows of both, zeros where one has no such block."""
+        blocks = {
+            name: np.vstack(
+                [
+                    each.blocks.get(name, np.zeros((len(each.right), columns.shape[1])))
+                    for each in (self, other)
+                ]
+            )
+            for name, columns in {**self.blocks, **other.blocks}.items()
+        }
+        return Factor(blocks, np.append(self.right, other.right), self.volume + other.volume)
 
     def prior(self, name: str, sd: Floats) -> Factor:
         """Return the rows with theta_b ~ N(0, sd^2), (c_b,)."""
-        known = Factor.of({name: np.diag(1.0 / sd)}, np.zeros(len(sd)))
-        return self + replace(known, volume=-float(np.sum(np.log(sd))))
+        known = {name: np.diag(1.0 / sd)}
+        return self + Factor(known, np.zeros(len(sd)), -float(np.sum(np.log(sd))))
 
     def without(self, *names: str) -> tuple[Factor, Factor]:
         """Return the rows of the other blocks when these are integrated out, and the rows that say what these are.
@@ -102,19 +94,23 @@ class Factor:
         Args:
             names: of blocks, each of which has a prior or is told by the rows.
         """
-        left = {name: width for name, width in self.blocks.items() if name not in names}
-        blocks = {**{name: self.blocks[name] for name in names}, **left}
-        rows, k = self.over(blocks), sum(self.blocks[name] for name in names)
+        blocks = {**{name: self.blocks[name] for name in names}, **self.blocks}
+        rows = np.column_stack([*blocks.values(), self.right])
+        ends = np.cumsum([0, *(columns.shape[1] for columns in blocks.values())])
+        k = ends[len(names)]
         touched = rows[:, :k].any(axis=1)
         R = triangle(rows[touched])
         pivots = np.maximum(np.abs(np.diagonal(R)[:k]), np.finfo(float).tiny)
+        *columns, right = np.split(np.vstack([R, rows[~touched]]), ends[1:], axis=1)
+        told = dict(zip(blocks, columns, strict=True))
+        others = {name: told[name][k:] for name in self.blocks if name not in names}
         volume = self.volume - float(np.sum(np.log(pivots)))
-        others = np.vstack([R[k:, k:], rows[~touched, k:]])
-        return Factor(others, left, volume), Factor(R[:k], blocks)
+        of_these = Factor({name: told[name][:k] for name in blocks}, right[:k, 0])
+        return Factor(others, right[k:, 0], volume), of_these
 
     @property
     def conditional(self) -> Conditional:
         """The first blocks for given values of the others, of rows that are as many as these have columns."""
-        k = len(self.rows)
-        root = np.asarray(np.linalg.inv(self.rows[:, :k]))
-        return Conditional(root, -root @ self.rows[:, k:-1], root @ self.rows[:, -1])
+        rows, k = self.rows, len(self.right)
+        root = np.asarray(np.linalg.inv(rows[:, :k]))
+        return Conditional(root, -root @ rows[:, k:-1], root @ rows[:, -1])

@@ -178,17 +178,17 @@ class LoadProblem:
         covariance = common + (scale_error**2 - common + own**2) * np.eye(n)
         scale = symmetric_root(covariance)
         root, theta = symmetric_root(information_of(self.unloaded)[0]).T, self.unloaded.theta
-        problem = Factor.of({"arm": root}, root @ theta)
+        problem = Factor({"arm": root}, root @ theta)
         problem = problem.prior("friction", self._friction_change())
         problem = problem.prior("scale", np.ones(n)).prior("drift", np.ones(n))
         # Why of real arms only: the residual model is evidence for more than the model has.
         real = self.unloaded.model_error is not None
         drifts, free = tuning.SCALE_DRIFT * real * np.eye(n), []
         for rows, moved, drift in zip(self._rows, self._moved_by_gains, drifts, strict=True):
-            arm, W, right = rows["arm"], rows["change"], rows.rows[:, -1]
+            arm, W, right = rows.blocks["arm"], rows.blocks["change"], rows.right
             unknown = {"friction": W[:, self.friction], "scale": W @ moved @ scale}
             unknown |= {"drift": np.outer(W @ self.torque, drift), "load": W @ self.K}
-            problem += Factor.of({"arm": arm, **unknown}, right)
+            problem += Factor({"arm": arm, **unknown}, right)
             free.append(np.column_stack([W, right - arm @ theta]))
         load = problem.without("arm", "friction", "scale", "drift")[0]
         R, unexplained = triangle(load.rows), triangle(np.vstack(free))[-1, -1]
@@ -206,12 +206,12 @@ class LoadProblem:
         for j, F in enumerate(self.factors):
             apart = residual is not None and residual.apart[j]
             W, size = F[:, k:-1], k + len(theta) if apart else k
-            rows = Factor.of({"beside": F[:, :size], "arm": W, "change": W}, F[:, -1])
+            rows = Factor({"beside": F[:, :size], "arm": W, "change": W}, F[:, -1])
             if residual is not None:
                 inverse = np.asarray(np.linalg.inv(residual.root[j, :size, :size]))
                 slope = inverse @ residual.slope[j, :size]
                 right = inverse @ residual.mean[j, :size] - slope @ theta
-                rows += Factor.of({"beside": inverse, "arm": -slope}, right)
+                rows += Factor({"beside": inverse, "arm": -slope}, right)
             found.append(rows.without("beside")[0])
         return found
 

@@ -350,7 +350,7 @@ class JointRows:
             Z, W, right = F[:, : self.k], F[:, self.k : -1], F[:, -1]
             own = np.sqrt(far) * (W @ self.spread) if far else W[:, :0]
             beside = np.hstack([Z * sd, own])
-            rows = Factor.of({"beside": beside, "arm": W}, right)
+            rows = Factor({"beside": beside, "arm": W}, right)
             arm, others = rows.prior("beside", np.ones(beside.shape[1])).without("beside")
             found.append((arm, others.conditional))
         return found
@@ -358,7 +358,8 @@ class JointRows:
     def of_arm(self, size: Floats) -> Factor:
         """Return what the rows say of the parameters of the arm, (p,), as a triangle, for sizes of the groups."""
         total = reduce(add, [arm for arm, _ in self.parts(size, self.apart)])
-        return replace(total, rows=triangle(total.rows))
+        R = triangle(total.rows)
+        return replace(total, blocks={"arm": R[:, :-1]}, right=R[:, -1])
 
     def residual(
         self, size: Floats, evidence: float, theta: Floats, counts: NDArray[np.int64]

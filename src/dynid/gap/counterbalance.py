@@ -82,9 +82,7 @@ class Links:
         norm = np.linalg.norm(X[:, effects:], axis=0)
         sd[effects - p :] = ANY / np.where(norm > 0.0, norm, 1.0)
         blocks = {"others": X[:, p:], "base": X[:, :p]}
-        left, others = (
-            Factor.of(blocks, np.concatenate(wide.y)).prior("others", sd).without("others")
-        )
+        left, others = Factor(blocks, np.concatenate(wide.y)).prior("others", sd).without("others")
         R = triangle(left.rows)
         rows = np.column_stack([R[:p, :p] @ base.reduction.K, R[:p, p]])
         rest = float(R[p, p] ** 2)

@@ -21,8 +21,8 @@ def problem():
 
 
 def known(X, sd, y):
-    factor = Factor.of({name: X[name][:20] for name in X}, y[:20])
-    factor += Factor.of({name: X[name][20:] for name in reversed(X)}, y[20:])
+    factor = Factor({name: X[name][:20] for name in X}, y[:20])
+    factor += Factor({name: X[name][20:] for name in reversed(X)}, y[20:])
     for name, each in sd.items():
         factor = factor.prior(name, each)
     return factor

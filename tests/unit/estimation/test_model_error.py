@@ -54,11 +54,11 @@ def posterior(stack, estimate):
 
 def all_unknowns(rows, size, released=None):
     """Return the rows of all joints in the columns of each, what one joint has of its own, and the arm."""
-    total = Factor(np.zeros((0, 1)), {})
+    total = Factor({}, np.zeros(0))
     for j, (F, sd) in enumerate(zip(rows.factors, rows.deviations(size), strict=True)):
         Z, W = np.split(F[:, :-1], [rows.k], axis=1)
         own = {"own": W @ rows.spread} if j == released else {}
-        total += Factor.of({f"columns{j}": Z, **own, "arm": W}, F[:, -1]).prior(f"columns{j}", sd)
+        total += Factor({f"columns{j}": Z, **own, "arm": W}, F[:, -1]).prior(f"columns{j}", sd)
     return total
 
 
@@ -71,8 +71,8 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
     error = rows.residual(size, 0.0, theta, stack.counts)
     n, k, p = len(stack.joints), rows.k, len(theta)
     whole = all_unknowns(rows, size, 1).prior("own", np.full(p, 0.3**0.5))
-    blocks = {**{f"columns{j}": k for j in range(n)}, "own": p, "arm": p}
-    A = whole.over(blocks)
+    names = [*(f"columns{j}" for j in range(n)), "own", "arm"]
+    A = np.column_stack([*(whole.blocks[name] for name in names), whole.right])
     covariance = np.linalg.inv(A[:, :-1].T @ A[:, :-1])
     x = np.linalg.lstsq(A[:, :-1], A[:, -1], rcond=None)[0]
     assert theta == pytest.approx(x[-p:], rel=1e-5, abs=1e-7)
