@@ -359,7 +359,7 @@ def expected_error(stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
     doubt, larger, other = W @ root, 1.0, np.sum((W @ post.changes) ** 2, axis=(1, 2)) / count
     if error is not None:
         # Why: a fit takes from the residuals what it cannot take from those of another recording.
-        larger, other = tuning.UNSEEN_RESIDUAL, np.where(error.apart == 0.0, other, 0.0)
+        larger = tuning.UNSEEN_RESIDUAL
         of_own = W @ error.root[:, error.k :]
         doubt = np.concatenate([doubt + W @ error.slope[:, error.k :] @ root, of_own], axis=2)
     spread = np.sum(doubt**2, axis=(1, 2)) / count
