@@ -398,17 +398,15 @@ def _unexplained(
     base: BaseModel, plain: Fit, rms: Floats, error: ModelError | None
 ) -> Iterator[Finding]:
     """Say which joints have torques that no possible parameters make, whose residual is rms, (n,) [N m or N]."""
-    growth = rms / np.maximum(plain.rms, 1e-12)
+    growth, texts = rms / np.maximum(plain.rms, 1e-12), {}
     worst = int(np.argmax(growth))
-    unexplained = growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6
-    texts = {}
     if error is not None and len(error.free):
         texts = dict.fromkeys(
             error.free.tolist(),
             "{} has a large torque that depends on its position and that links cannot make (a spring, a "
             "counterbalance?): the residual model predicts it, the parameters do not; dynid gap may name it",
         )
-    elif unexplained and (error is None or not error.apart.any()):
+    elif contradicts(rms[worst], plain.rms[worst]) and (error is None or not error.apart.any()):
         texts[worst] = (
             f"physically consistent parameters fit {{}} worse than least squares: torque error {rms[worst]:.3g} "
             f"instead of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), units, signs, payload"

@@ -30,6 +30,7 @@ from dynid.errors import NotPhysical
 from dynid.estimation import tuning
 from dynid.estimation.factor import of_unit_diagonal
 from dynid.estimation.possible_set import (
+    NONNEGATIVE,
     Objective,
     PhysicalConstraints,
     basis,
@@ -309,12 +310,10 @@ def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalCo
         Constraints in which friction and rotor inertia have a prior; pooled ones are updated by pooling again.
     """
     prior, spread = constraints.prior.copy(), constraints.spread.copy()
-    for columns in constraints.pools:
+    for kind, columns in zip(NONNEGATIVE, constraints.pools, strict=True):
         if len(columns) < 2:
             continue
-        offsets = (
-            constraints.offsets if constraints.parameters[columns[0]].kind == "fc" else columns[:0]
-        )
+        offsets = constraints.offsets if kind == "fc" else columns[:0]
         total = float(np.sum(x[columns] / constraints.ratings[columns]))
         squares = float(np.sum((x[offsets] / constraints.ratings[offsets]) ** 2))
         count = len(columns) + len(offsets)

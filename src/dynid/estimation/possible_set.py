@@ -84,7 +84,7 @@ class PhysicalConstraints:
         prior: what is known before measuring, (c,); zero where nothing is.
         G: rows of the bounds G x >= h, (k, c).
         h: right side of the bounds, (k,).
-        pools: columns of the positive parameters of one kind that have no prior, as many arrays as kinds.
+        pools: columns of the parameters of each kind in ``NONNEGATIVE``.
         ratings: what the joints' parameters of one kind are thought to be in proportion to, (c,).
         spread: standard deviation of parameters whose prior is zero, (c,); infinite elsewhere.
     """
@@ -144,7 +144,6 @@ def make_constraints(
     for k, (terms, _) in enumerate(rows):
         G[k, list(terms)] = list(terms.values())
     prior = np.asarray(prior, dtype=float)
-    kinds = (columns_of(parameters, kind) for kind in NONNEGATIVE)
     # Why of fc: an offset is the part of the friction that does not change its sign.
     rated = [f"fc{p.number}" if p.kind == "fo" else p.name for p in parameters]
     return PhysicalConstraints(
@@ -153,7 +152,7 @@ def make_constraints(
         prior=prior,
         G=G,
         h=h,
-        pools=tuple(columns[prior[columns] <= 0.0] for columns in kinds),
+        pools=tuple(columns_of(parameters, kind) for kind in NONNEGATIVE),
         ratings=np.array([ratings.get(name, 1.0) for name in rated]),
         spread=np.full(len(parameters), np.inf),
     )

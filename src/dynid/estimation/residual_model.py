@@ -223,13 +223,14 @@ def torque_variance(
         error: the model error; None without.
         shapes: its columns there, (M, n, k).
     """
-    root = symmetric_root(covariance)
-    if error is None or shapes is None:
-        return np.stack([np.sum((each @ root) ** 2, axis=1) for each in W.swapaxes(0, 1)], axis=1)
-    variance, ZW = np.empty(W.shape[:2]), error.columns(W, shapes)
+    root, variance = symmetric_root(covariance), np.empty(W.shape[:2])
+    ZW = None if error is None or shapes is None else error.columns(W, shapes)
     for j in range(W.shape[1]):
-        arm = (W[:, j] + ZW[:, j] @ error.slope[j]) @ root
-        variance[:, j] = np.sum(arm**2, axis=1) + np.sum((ZW[:, j] @ error.root[j]) ** 2, axis=1)
+        doubt = W[:, j] @ root
+        if error is not None and ZW is not None:
+            arm = doubt + ZW[:, j] @ (error.slope[j] @ root)
+            doubt = np.hstack([arm, ZW[:, j] @ error.root[j]])
+        variance[:, j] = np.sum(doubt**2, axis=1)
     return variance
 
 
