@@ -30,8 +30,7 @@ from dynid.estimation.stack import stack_logs
 from dynid.model.parameters import body_of, columns_of
 from dynid.model.regressor import prior_vector
 from dynid.robot import Prior
-from dynid.signals.conditioned_log import ConditionedLog, condition
-from dynid.signals.filters import choose_filter, despiked
+from dynid.signals.conditioned_log import condition_logs
 from follower import follow_motion
 from models import base_of
 from motions import harmonics, inside
@@ -216,9 +215,7 @@ def one(name, regime, draw):
     """Return the figures of all estimators on one log."""
     arm, log = arm_of(name), recorded(name, regime, draw)
     start = time.perf_counter()
-    chosen = choose_filter(log, arm.robot)
-    segments = condition(despiked(log, chosen.cutoff)[0], chosen, coulomb=arm.robot.coulomb_shape)
-    rows = stack_logs([ConditionedLog(segments, chosen, "log")], arm.base)
+    rows = stack_logs(condition_logs([log], arm.base.model), arm.base)
     made = time.perf_counter() - start
     found = {"OLS 50 Hz": butterworth(arm, log)}
     for method in PLAIN:

@@ -31,10 +31,7 @@ from dynid.model.regressor import expected_torque
 from dynid.robot import Joint, Robot
 from dynid.signals import tuning
 from dynid.signals.columns import (
-    in_amperes,
     in_si,
-    joint_of_motor,
-    matching_columns,
     robot_columns,
     to_dh,
     units,
@@ -93,8 +90,6 @@ def prepare(
         few = check_amount([log], robot) if identify else ()
         return with_findings(log, *(finding for finding in few if finding not in log.findings))
     with located(log.topic):
-        named = tuple(log.names[k] for k in matching_columns(log, robot)) if log.names else ()
-        in_dh = log.dh
         log = _usable_velocity(robot_columns(log, robot), robot)
         gone = np.asarray(np.isnan(log.tau).all(axis=0))
         if gone.any() and not gone.all():
@@ -117,9 +112,10 @@ def prepare(
             findings += check(log, robot)
         if identify:
             findings += check_amount([log], robot)
-    clipped = flat if robot.coupling is None else flat @ joint_of_motor(robot)
-    extra = {**log.extra, "clipped": clipped} | ({} if in_dh else {"driver_columns": named})
-    log = replace(log, checked=True, extra=extra)
+    if robot.coupling is not None:
+        # Why: the torque of a motor goes into those of several joints.
+        flat = flat @ (np.array(robot.coupling.matrix) != 0.0)
+    log = replace(log, checked=True, extra={**log.extra, "clipped": flat})
     return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)
 
 
@@ -132,8 +128,8 @@ def _usable_velocity(log: Log, robot: Robot) -> Log:
         return log
     known = measurable(log.qd)
     usable = known.any() if driver_of(robot).velocity_trusted else known.all()
-    still = usable and not np.any(log.qd)
-    return replace(log, qd=None) if not usable or (still and not np.all(same_rows(log.q))) else log
+    never = not np.any(log.qd) and not np.all(same_rows(log.q))
+    return log if usable and not never else replace(log, qd=None)
 
 
 def _trusted_velocity(log: Log, robot: Robot) -> Log:
@@ -141,12 +137,10 @@ def _trusted_velocity(log: Log, robot: Robot) -> Log:
     driver = driver_of(robot)
     if log.qd is None or driver.velocity_trusted:
         return log
-    ratio = slopes(log, robot).tolist()
     text = f"the reported velocity is not used ({driver.velocity_note})"
-    evidence = {"slope": [None if np.isnan(value) else value for value in ratio]}
-    kept = [finding for finding in log.findings if finding.code != "W308"]
-    log = replace(log, qd=None, extra={**log.extra, "qd_reported": log.qd}, findings=tuple(kept))
-    return with_findings(log, Finding("W308", "info", text, evidence))
+    found = Finding("W308", "info", text, {"slope": _known(slopes(log, robot))})
+    log = replace(log, qd=None, extra={**log.extra, "qd_reported": log.qd})
+    return with_findings(log, found)
 
 
 def measurable(values: Floats) -> Mask:
@@ -161,16 +155,17 @@ def check_finite(log: Log, robot: Robot) -> None:
     Raises:
         NotFinite: names joint, quantity, count, first time and row.
     """
-    every = {"position": log.q, "torque": log.tau, "velocity": log.qd}
-    columns = {quantity: x for quantity, x in every.items() if x is not None}
-    wrong = {quantity: ~measurable(x) for quantity, x in columns.items()}
-    bad = np.any([flags.any(axis=1) for flags in wrong.values()], axis=0)
+    columns = {"position": log.q, "torque": log.tau}
+    if log.qd is not None:
+        columns["velocity"] = log.qd
+    wrong = np.array([~measurable(x) for x in columns.values()])
+    bad = wrong.any(axis=(0, 2))
     if not bad.any():
         return
     row = int(np.argmax(bad))
-    quantity = next(key for key, flags in wrong.items() if flags[row].any())
-    j = int(np.argmax(wrong[quantity][row]))
-    value, count = float(columns[quantity][row, j]), int(wrong[quantity][:, j].sum())
+    which, j = np.argwhere(wrong[:, row])[0]
+    quantity, count = list(columns)[which], wrong[which, :, j].sum()
+    value = columns[quantity][row, j]
     kind = f"{value:.0e}, not measurable,"
     if not np.isfinite(value):
         kind = "not a number" if np.isnan(value) else "infinite"
@@ -205,16 +200,13 @@ def check_degrees(log: Log, robot: Robot) -> None:
         return
     given = to_dh(log, robot)
     v = speed(given)
-    for j, joint in enumerate(robot.joints):
-        limits, fits, text = joint.limits, False, ""
-        if not joint.revolute:
-            continue
+    for j in np.flatnonzero(robot.turning).tolist():
+        joint, limits, fits, text = robot.joints[j], robot.joints[j].limits, False, ""
         if limits.position is not None:
             low, high = limits.position
-            slack = 0.05 * (high - low)
             if _span(given.q[:, j]) > tuning.BEYOND_RANGE * (high - low):
                 q = to_dh(replace(log, q=np.radians(log.q)), robot).q[:, j]
-                fits = q.min() > low - slack and q.max() < high + slack
+                fits = beyond(joint, q.min(), q.max()) < 0.05 * (high - low)
             around = f"+-{high:.2f}" if np.isclose(-low, high) else f"{low:.2f} to {high:.2f}"
             text = f"limits are {around} rad"
         if not fits and limits.velocity is not None:
@@ -224,10 +216,7 @@ def check_degrees(log: Log, robot: Robot) -> None:
             text = f"the speed limit is {limits.velocity:.2f} rad/s"
         if fits:
             declared = {"position": "deg"}
-            if (
-                given.qd is not None
-                and 0.5 < np.sum(given.qd * v) / max(np.sum(v * v), 1e-12) < 1.5
-            ):
+            if 0.5 < slopes(given, robot)[j] < 1.5:
                 declared["velocity"] = "deg/s"
             raise PositionInDegrees(
                 f"{joint.name} position spans {np.ptp(log.q[:, j]):.1f}: degrees? {text}",
@@ -255,17 +244,17 @@ def unit_fix(robot: Robot, given: dict[str, str]) -> str:
 def unwrapped(log: Log, robot: Robot) -> Log:
     """Return the log without jumps by full turns (W315)."""
     columns, findings = [*log.q.T], list[Finding]()
-    for j in (j for j, joint in enumerate(robot.joints) if joint.revolute):
+    for j in np.flatnonzero(robot.turning).tolist():
         turns = _full_turns(log.q[:, j])
         where = np.flatnonzero(turns)
         if not len(where):
             continue
         columns[j] = columns[j] - 2 * np.pi * np.cumsum(turns)
-        name, row = robot.joint_names[j], int(where[0])
+        name, times = robot.joint_names[j], log.t[where].tolist()
         more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
-        at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
-        text = f"{name} jumps by {step:.2f} rad at {at:.2f} s{more}; unwrapped"
-        evidence = {"joint": name, "at_s": log.t[where].tolist()}
+        step = np.diff(log.q[:, j])[where[0] - 1]
+        text = f"{name} jumps by {step:.2f} rad at {times[0]:.2f} s{more}; unwrapped"
+        evidence = {"joint": name, "at_s": times}
         findings.append(Finding("W315", "warning", text, evidence))
     return with_findings(replace(log, q=np.array(columns).T), *findings) if findings else log
 
@@ -299,22 +288,22 @@ def check_torque_scale(log: Log, robot: Robot, gone: Mask) -> None:
             f"effort is 0 in every sample of {names}, which moves",
             fix="make the driver publish the torques of all joints",
         )
-    if in_amperes(log, robot) and log.tau_unit == "A":
+    if log.tau_unit == "A":
         return
-    for j, joint in enumerate(robot.joints):
-        rating = joint.limits.torque
+    for j, rating in enumerate(robot.limits("torque")):
         # Why: a lone spike is a bad sample, not another unit.
         high = np.percentile(np.abs(log.tau[:, j]), 99)
-        if rating is None or high <= tuning.BEYOND_RATING * rating:
+        if high <= tuning.BEYOND_RATING * rating:
             continue
         guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
         if high / 1000 > tuning.BEYOND_RATING * rating:
             guess = "raw counts"
             fix = "find out what the driver publishes; give the gain under `torque:`"
         top = f"{largest[j]:,.0f}".replace(",", " ")
-        unit = joint.torque_unit.replace(" ", "")
+        unit = robot.joints[j].torque_unit.replace(" ", "")
         raise TorqueScale(
-            f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}", fix=fix
+            f"{robot.joint_names[j]} torque reaches {top}: {guess}? rating {rating:g} {unit}",
+            fix=fix,
         )
 
 
@@ -327,11 +316,11 @@ def clipped_samples(log: Log, robot: Robot, gone: Mask) -> tuple[Mask, tuple[Fin
     if none := ", ".join(compress(robot.joint_names, gone)):
         text = f"the log has no torque for {none}: predicted from the other joints and the prior"
         findings.append(Finding("W319", "warning", text, {"joint": none, "share": 1.0}))
-    for j in np.flatnonzero(~gone).tolist():
-        joint, x = robot.joints[j], log.tau[:, j]
-        mask[:, j] = clipped = _flat_top(x, alive) | _flat_top(-x, alive)
+    for j, (joint, x) in enumerate(zip(robot.joints, log.tau.T, strict=True)):
+        clipped = _flat_top(x, alive) | _flat_top(-x, alive)
         if not clipped.any():
             continue
+        mask[:, j] = clipped
         unit = "A" if log.tau_unit == "A" else joint.torque_unit.replace(" ", "")
         share, level = float(np.mean(clipped)), float(np.abs(x[clipped]).max())
         size = f"{level:.4g} {unit} for {clipped.sum() / log.rate:.2g} s"
@@ -348,17 +337,14 @@ def _flat_top(x: Floats, alive: Mask) -> Mask:
         x: torques of a joint, (N,).
         alive: at which samples the arm moves, (N,).
     """
-    top, bottom, flat = float(x.max()), float(x.min()), np.zeros(len(x), dtype=bool)
+    top, flat = x.max(), np.zeros(len(x), dtype=bool)
     least = top - 1e-9 * abs(top)
     for run in runs((x >= least) & alive & (top > 0), tuning.FLAT_RUN):
         flat[run] = True
-    if not flat.any():
-        return flat
     below = x[x < least]
-    near = int(np.sum(below > top - 0.01 * (top - bottom)))
-    second = int(np.sum(below == below.max(initial=-np.inf)))
-    count = int(flat.sum())
-    return flat & (count >= max(tuning.FLAT_SHARE * second, near))
+    near = np.sum(below > top - 0.01 * np.ptp(x))
+    second = np.sum(below == below.max(initial=-np.inf))
+    return flat & (flat.sum() >= max(tuning.FLAT_SHARE * second, near))
 
 
 def check_zero(log: Log, robot: Robot) -> Iterator[Finding]:
@@ -372,12 +358,10 @@ def check_zero(log: Log, robot: Robot) -> Iterator[Finding]:
     q, tau = (np.array([x[part].mean(axis=0) for part in poses]) for x in (log.q, log.tau))
     load = np.abs(expected_torque(q, robot)) * (robot.torque.source != "gravity_free")
     unloaded = load <= tuning.UNLOADED * max(load.max(), 1e-9)
-    for joint, rows, x in zip(robot.joints, unloaded.T, tau.T, strict=True):
-        rating = joint.limits.torque
-        if rating is None or not rows.any():
-            continue
-        mean = float(np.mean(x[rows]))
-        if abs(mean) > tuning.ZERO_SHARE * rating:
+    most = tuning.ZERO_SHARE * robot.limits("torque")
+    for j, joint in enumerate(robot.joints):
+        rows = unloaded[:, j]
+        if rows.any() and abs(mean := float(np.mean(tau[rows, j]))) > most[j]:
             unit = joint.torque_unit.replace(" ", "")
             text = (
                 f"{joint.name} reads {mean:+.2g} {unit} with the arm at rest and gravity balanced: "
@@ -408,34 +392,25 @@ def check_order(log: Log, robot: Robot) -> None:
     """
     if log.qd is None:
         return
-    rows = moving(log, robot).sum(axis=0)
-    joints = np.flatnonzero((rows >= tuning.LEAST_SAMPLES) & (np.ptp(log.qd, axis=0) > 0.0))
-    if len(joints) < 2:
-        return
+    enough = moving(log, robot).sum(axis=0) >= tuning.LEAST_SAMPLES
+    joints = np.flatnonzero(enough & log.qd.any(axis=0))
+    v, qd = (x[:, joints] / np.linalg.norm(x[:, joints], axis=0) for x in (speed(log), log.qd))
     # Why: a reversed sign is another mistake (E308), so it must not look like a wrong column.
-    likeness = np.abs(_correlation(speed(log), log.qd)[np.ix_(joints, joints)])
-    labelled = np.diag(likeness)
-    if np.all(labelled >= tuning.WRONG_COLUMN):
+    likeness = np.abs(v.T @ qd)
+    if np.all(np.diag(likeness) >= tuning.WRONG_COLUMN):
         return
     from scipy.optimize import linear_sum_assignment
 
-    best = linear_sum_assignment(-likeness)[1]
-    for i, swapped in enumerate(likeness[range(len(joints)), best]):
-        if best[i] != i and swapped > tuning.WRONG_COLUMN > labelled[i]:
-            one, other = robot.joint_names[joints[i]], robot.joint_names[joints[best[i]]]
+    for i, k in zip(*linear_sum_assignment(-likeness), strict=True):
+        labelled, swapped = likeness[i, i], likeness[i, k]
+        if i != k and swapped > tuning.WRONG_COLUMN > labelled:
+            one, other = (robot.joint_names[joints[x]] for x in (i, k))
             raise JointNamesDiffer(
                 f"{one} and {other} look swapped "
-                f"(correlation {swapped:.2f} swapped, {labelled[i]:.2f} as labelled)",
+                f"(correlation {swapped:.2f} swapped, {labelled:.2f} as labelled)",
                 why="the velocity column of one joint follows the position of the other",
                 fix="correct the columns of the log; if only the velocities are swapped: --velocity derived",
             )
-
-
-def _correlation(x: Floats, y: Floats) -> Floats:
-    """Return how each column of x correlates with each of y, (n, n), 0 for those that do not change."""
-    size = np.outer(x.std(axis=0), y.std(axis=0))
-    covariance = x.T @ y / len(x) - np.outer(x.mean(axis=0), y.mean(axis=0))
-    return covariance / np.where(size > 0.0, size, 1.0)
 
 
 def check_slopes(log: Log, robot: Robot) -> Iterator[Finding]:
@@ -444,25 +419,27 @@ def check_slopes(log: Log, robot: Robot) -> Iterator[Finding]:
     Raises:
         VelocityInconsistent: unit or sign is wrong.
     """
+    (low, high), derived = tuning.SLOPE_AGREES, ", or use --velocity derived"
+    trusted = driver_of(robot).velocity_trusted
     for joint, slope in zip(robot.joints, slopes(log, robot).tolist(), strict=True):
-        if math.isnan(slope) or tuning.SLOPE_AGREES[0] <= slope <= tuning.SLOPE_AGREES[1]:
-            continue
-        text = f"{joint.name} velocity is {slope:.3g} x the change of position"
-        if joint.revolute and tuning.SLOPE_DEGREES[0] <= abs(slope) <= tuning.SLOPE_DEGREES[1]:
-            fix = f"{unit_fix(robot, {'velocity': 'deg/s'})}, or use --velocity derived"
-            raise VelocityInconsistent(f"{text}: deg/s", fix=fix)
-        if joint.revolute and tuning.SLOPE_RADIANS[0] <= abs(slope) <= tuning.SLOPE_RADIANS[1]:
+        size, velocity = abs(slope), f"{joint.name} velocity"
+        text = f"{velocity} is {slope:.3g} x the change of position"
+        if joint.revolute and tuning.SLOPE_DEGREES[0] <= size <= tuning.SLOPE_DEGREES[1]:
+            text, fix = f"{text}: deg/s", unit_fix(robot, {"velocity": "deg/s"}) + derived
+        elif joint.revolute and tuning.SLOPE_RADIANS[0] <= size <= tuning.SLOPE_RADIANS[1]:
+            text = f"{text}: rad/s, while positions are in degrees?"
             fix = "are positions in degrees? declare `units:` under `driver:` in the robot file"
             if units(log, robot)["velocity"] == "deg/s":
-                fix = f"{unit_fix(robot, {'velocity': 'rad/s'})}, or use --velocity derived"
-            raise VelocityInconsistent(f"{text}: rad/s, while positions are in degrees?", fix=fix)
-        if tuning.SLOPE_REVERSED[0] <= slope <= tuning.SLOPE_REVERSED[1]:
-            raise VelocityInconsistent(
-                f"{joint.name} velocity has the opposite sign (slope {slope:.2f} to the change of position)",
-                fix="correct the sign of the velocity or of the position in the log, or use --velocity derived",
-            )
-        text = f"{joint.name} velocity is {slope:.2f} x the change of position; --velocity derived is better"
-        yield Finding("W308", "warning", text, {"joint": joint.name, "slope": slope})
+                fix = unit_fix(robot, {"velocity": "rad/s"}) + derived
+        elif tuning.SLOPE_REVERSED[0] <= slope <= tuning.SLOPE_REVERSED[1]:
+            text = f"{velocity} has the opposite sign (slope {slope:.2f} to the change of position)"
+            fix = f"correct the sign of the velocity or of the position in the log{derived}"
+        else:
+            if trusted and (slope < low or slope > high):
+                text = f"{velocity} is {slope:.2f} x the change of position; --velocity derived is better"
+                yield Finding("W308", "warning", text, {"joint": joint.name, "slope": slope})
+            continue
+        raise VelocityInconsistent(text, fix=fix)
 
 
 def beyond(joint: Joint, low: float, high: float) -> float:
@@ -500,8 +477,7 @@ def describe(log: Log, robot: Robot) -> dict[str, Any]:
     velocity over the change of position, is None where it is not measured or nothing moves, and ``torque_share``, of
     the rating, where that is unknown; ``least_moving`` is the joint that is slowest for its speed limit.
     """
-    step = np.diff(log.t)
-    usual, top = float(np.median(step)), np.abs(log.tau).max(axis=0)
+    step, top = np.diff(log.t), np.abs(log.tau).max(axis=0)
     low, high = np.percentile(step, [2.5, 97.5])
     rms = np.sqrt(np.mean(speed(log) ** 2, axis=0))
     currents = log.tau_unit == "A"
@@ -509,9 +485,9 @@ def describe(log: Log, robot: Robot) -> dict[str, Any]:
     return {
         "samples": len(log),
         "duration_s": log.duration,
-        "rate_hz": 1.0 / usual,
-        "jitter_share": float(high - low) / 2 / usual,
-        "gaps": int(np.sum(step > tuning.GAP_SAMPLES * usual)),
+        "rate_hz": log.rate,
+        "jitter_share": float(high - low) / 2 * log.rate,
+        "gaps": int(np.sum(step > tuning.GAP_SAMPLES / log.rate)),
         "longest_gap_s": float(step.max()),
         "position_span_rad": np.ptp(log.q, axis=0).tolist(),
         "rms_velocity_rad_s": rms.tolist(),

@@ -12,11 +12,11 @@ from difflib import SequenceMatcher
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Floats, Mask
+from dynid.arrays import Floats
 from dynid.drivers.interface import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import COLUMNS, Log
-from dynid.robot import Robot
+from dynid.robot import USUAL_UNITS, Robot
 from dynid.signals import tuning
 from dynid.text import yaml_word
 
@@ -28,11 +28,7 @@ def matching_columns(log: Log, robot: Robot) -> list[int]:
         JointCountDiffers: the log has fewer columns than the robot has joints.
         JointNamesDiffer: names of the robot file are not in the log.
     """
-    if not log.names:
-        if log.n != robot.n:
-            raise JointCountDiffers(
-                f"{log.name} has {log.n} joints, {robot.name} has {robot.n}", where=log.name
-            )
+    if not log.names and log.n == robot.n:
         return list(range(robot.n))
     for names in (robot.log_names, robot.joint_names):
         if set(names) <= set(log.names):
@@ -44,15 +40,13 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
     driver = driver_of(robot)
     joints = [name for name in log.names if not driver.ignores(name)]
     if len(joints) < robot.n:
-        return JointCountDiffers(
-            f"{log.name} has {len(joints)} joints ({_short(joints)}), {robot.name} has {robot.n}",
-            where=log.name,
-        )
+        count = f"{len(joints)} joints ({_short(joints)})" if log.names else f"{log.n} joints"
+        text = f"{log.name} has {count}, {robot.name} has {robot.n}"
+        return JointCountDiffers(text, where=log.name)
     missing = [name for name in robot.log_names if name not in log.names]
-    lost = f"{_short(missing)} " if len(missing) < robot.n else ""
+    lost = f"; missing: {_short(missing)}" if len(missing) < robot.n else ""
     return JointNamesDiffer(
-        f"{log.name} names {_short(joints)}; the robot file expects {_short(robot.log_names)}"
-        + (f"; missing: {lost.strip()}" if lost else ""),
+        f"{log.name} names {_short(joints)}; the robot file expects {_short(robot.log_names)}{lost}",
         where=log.name,
         fix=f"under `driver:` in {robot.editable}: joint_names: {_in_chain_order(joints, robot)}",
     )
@@ -78,10 +72,7 @@ def _short(names: Sequence[str]) -> str:
 
 def units(log: Log, robot: Robot) -> dict[str, str]:
     """Return the units of the log's columns: its own, else the robot file's; SI for a log in DH quantities."""
-    found = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
-    if not log.dh:
-        found |= robot.columns.units
-    found |= log.units
+    found = (USUAL_UNITS if log.dh else robot.columns.units) | log.units
     if log.tau_unit == "A" and found["effort"] not in ("A", "mA"):
         found["effort"] = "A"
     return found
@@ -97,11 +88,12 @@ def in_amperes(log: Log, robot: Robot) -> bool:
 def robot_columns(log: Log, robot: Robot) -> Log:
     """Return the log with the robot's columns only, in chain order, still in the driver's quantities."""
     columns = matching_columns(log, robot)
-    if columns == list(range(log.n)):
-        return replace(log, names=robot.joint_names)
-    return log.with_columns(
-        {key: x[:, columns] for key, x in log.columns.items()}, names=robot.joint_names
-    )
+    named = tuple(log.names[k] for k in columns if log.names)
+    # Why not always: a long log is not copied for nothing.
+    if columns != list(range(log.n)):
+        log = log.with_columns({key: x[:, columns] for key, x in log.columns.items()}, names=())
+    extra = log.extra if log.dh else {**log.extra, "driver_columns": named}
+    return replace(log, names=robot.joint_names, extra=extra)
 
 
 def in_si(log: Log, robot: Robot) -> Log:
@@ -130,9 +122,11 @@ def to_dh(log: Log, robot: Robot) -> Log:
     if log.dh:
         return log
     columns = {key: x for key, x in log.columns.items() if COLUMNS[key]}
-    gain, unit = _gain(log, robot)
-    if gain is not None:
-        columns |= {key: x * gain for key, x in columns.items() if COLUMNS[key] == "effort"}
+    unit, torque = log.tau_unit, robot.torque
+    if unit == "A" and torque.complete:
+        columns["tau"] = log.tau * np.array(torque.gain, dtype=float)
+        # Of relative gains the size of a torque is not known.
+        unit = "A" if torque.relative else "Nm"
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
         back = np.linalg.inv(matrix).T
@@ -147,28 +141,13 @@ def to_dh(log: Log, robot: Robot) -> Log:
         )
     joint_map = robot.columns.map
     sign = np.array(joint_map.sign)
-    change: dict[str, tuple[Floats, Floats | float]] = {
-        "position": (sign, np.array(joint_map.offset)),
-        "velocity": (sign, 0.0),
-        "effort": (sign * joint_map.torque_signs, 0.0),
+    factors = {"position": sign, "velocity": sign, "effort": sign * joint_map.torque_signs}
+    offsets = {"position": np.array(joint_map.offset)}
+    columns = {
+        key: _mapped(x, factors[COLUMNS[key]], offsets.get(COLUMNS[key], 0.0))
+        for key, x in columns.items()
     }
-    columns = {key: _mapped(x, *change[COLUMNS[key]]) for key, x in columns.items()}
     return log.with_columns(columns, tau_unit=unit, units={}, motor_side=False, dh=True)
-
-
-def joint_of_motor(robot: Robot) -> Mask:
-    """Return which joints' torques a motor's torque goes into, (n motors, n joints)."""
-    if robot.coupling is None:
-        return np.eye(robot.n, dtype=bool)
-    return np.array(robot.coupling.matrix) != 0.0
-
-
-def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
-    """Return what makes torques of currents where every gain is known, and the unit then; relative ones leave [A]."""
-    gain = robot.torque.gain
-    if log.tau_unit != "A" or gain is None or any(value is None for value in gain):
-        return None, log.tau_unit
-    return np.array(gain, dtype=float), "A" if robot.torque.relative else "Nm"
 
 
 def take_samples(log: Log, keep: NDArray[np.intp] | slice) -> Log:

@@ -113,21 +113,22 @@ def condition(log: Log, chosen: Filter) -> list[Segment]:
             usable = filtered(clipped, np.ones_like(kernels[:1]))[0] < 0.5
         centres, none = half + step * np.arange(len(q)), np.empty((len(q), 0))
         raw_qd = 0.5 * chosen.rate * (part.q[centres + 1] - part.q[centres - 1])
-        segment = Segment(
-            t=part.t[centres],
-            q=q,
-            qd=qd,
-            qdd=qdd,
-            tau=filtered(part.tau, kernels[:1])[0],
-            usable=usable,
-            raw_q=part.q[centres],
-            raw_qd=raw_qd if part.qd is None else part.qd[centres],
-            command_q=none if command is None else filtered(command, kernels[:1])[0],
-            effects=none,
-            elapsed=part.t[centres] - log.t[0],
-            coulomb_sign=none,
+        found.append(
+            Segment(
+                t=part.t[centres],
+                q=q,
+                qd=qd,
+                qdd=qdd,
+                tau=filtered(part.tau, kernels[:1])[0],
+                usable=usable,
+                raw_q=part.q[centres],
+                raw_qd=raw_qd if part.qd is None else part.qd[centres],
+                command_q=none if command is None else filtered(command, kernels[:1])[0],
+                effects=none,
+                elapsed=part.t[centres] - log.t[0],
+                coulomb_sign=none,
+            )
         )
-        found.append(segment)
     return found
 
 
@@ -142,20 +143,17 @@ def _parts(log: Log, chosen: Filter) -> list[Log]:
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (
         chosen.second_kernel.shape[1] + chosen.second_step
     )
-    edges = [0, *cuts.tolist(), len(log)]
-    for start, end in pairwise(edges):
-        part = take_samples(log, slice(start, end))
-        times = part.t[0] + np.arange(round(part.duration * chosen.rate) + 1) * step
-        if end - start <= needed:
+    every = [take_samples(log, slice(*ends)) for ends in pairwise([0, *cuts.tolist(), len(log)])]
+    for part in every:
+        if len(part) <= needed:
             continue
+        times = part.t[0] + np.arange(round(part.duration * chosen.rate) + 1) * step
+        columns = part.columns
         if len(times) != len(part) or np.abs(part.t - times).max() >= tuning.EVEN_STEP * step:
-            columns = {key: resampled(part.t, x, times) for key, x in part.columns.items()}
-            parts.append(part.with_columns(columns, t=times))
-        else:
-            parts.append(replace(part, t=times))
+            columns = {key: resampled(part.t, x, times) for key, x in columns.items()}
+        parts.append(part.with_columns(columns, t=times))
     if not parts:
-        longest = max(end - start for start, end in pairwise(edges))
-        what = f"the longest part without a gap has {longest * step:.2f} s"
+        what = f"the longest part without a gap has {max(map(len, every)) * step:.2f} s"
         raise too_short(log, what, chosen.cutoff, needed * step)
     return parts
 
@@ -230,16 +228,16 @@ def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
     it is read whole or in parts.
     """
     right = np.clip(np.searchsorted(t, grid), 2, len(t) - 2)
-    nodes = [right + k for k in range(-2, 2)]
+    nodes = right + np.arange(-2, 2)[:, None]
     found = np.zeros((len(grid), x.shape[1]))
-    for own in nodes:
-        others = [t[node] for node in nodes if node is not own]
-        weight = np.prod([(grid - other) / (t[own] - other) for other in others], axis=0)
+    for k, own in enumerate(nodes):
+        others = t[np.delete(nodes, k, axis=0)]
+        weight = np.prod((grid - others) / (t[own] - others), axis=0)
         found += weight[:, None] * x[own]
     return found
 
 
-def segment_without_delay(segment: Segment, delay: float) -> Segment:
+def segment_without_delay(segment: Segment, delay: float, known: Floats | float = 0.0) -> Segment:
     """Return a segment whose torque at t is the filtered one at t + delay; the end is not usable any more.
 
     Why a spline here: filtered torques are thinned, so that four samples no longer carry them, and a search over delays
@@ -248,6 +246,7 @@ def segment_without_delay(segment: Segment, delay: float) -> Segment:
     Args:
         segment: the segment.
         delay: by how much the torques are late [s].
+        known: what was subtracted from them at the time of the positions, (N, n) [N m or N].
     """
     if not delay:
         return segment
@@ -256,7 +255,7 @@ def segment_without_delay(segment: Segment, delay: float) -> Segment:
     t = segment.t + delay
     inside = (t >= segment.t[0]) & (t <= segment.t[-1])
     wanted = np.clip(t, segment.t[0], segment.t[-1])
-    tau = CubicSpline(segment.t, segment.tau, axis=0)(wanted)
+    tau = CubicSpline(segment.t, segment.tau + known, axis=0)(wanted) - known
     return replace(segment, tau=tau, usable=segment.usable & inside[:, None])
 
 
@@ -298,21 +297,15 @@ def coarse_steps(tau: Floats) -> Floats:
 
 
 def condition_log(
-    log: Log,
-    model: Model,
-    *,
-    cutoff: float | None = None,
-    delay: float = 0.0,
-    measured_velocity: bool = False,
+    log: Log, model: Model, cutoff: float, options: LogOptions = LogOptions()
 ) -> ConditionedLog:
     """Condition one log for the rows of a model.
 
     Args:
         log: a prepared log, in DH quantities.
         model: the model whose rows are wanted.
-        cutoff: cut-off frequency of the filter over torques and columns [Hz]; from the band of the motion when None.
-        delay: how much later than the positions the torques are stamped; they are moved back by it [s].
-        measured_velocity: use the velocities of the driver where there are any, and differentiate only those.
+        cutoff: cut-off frequency of the filter over torques and columns [Hz].
+        options: velocity and delay, where None counts as zero: torques are moved back by it.
 
     Returns:
         The conditioned log; spikes that were removed are among its findings.
@@ -320,10 +313,9 @@ def condition_log(
     Raises:
         LogTooShort: no interval without gaps is longer than the filters.
     """
-    robot = model.robot
+    robot, delay = model.robot, options.delay or 0.0
     with located(str(log.source or "")):
-        chosen = choose_filter(log, robot, cutoff)
-        chosen = replace(chosen, measured_velocity=measured_velocity)
+        chosen = choose_filter(log, cutoff, measured_velocity=options.velocity == "measured")
         clean, spikes = despiked(log, chosen.cutoff)
         sharp = robot.coulomb or robot.usual_coulomb
         speeds = zip(sharp.velocity, robot.joints, strict=True)
@@ -359,10 +351,9 @@ def condition_logs(
         options: cut-off, velocity, and the delay, where None counts as zero.
     """
     cutoff = choose_cutoff(logs, model.robot) if options.cutoff is None else options.cutoff
-    delay, measured = options.delay or 0.0, options.velocity == "measured"
     found = []
     for k, log in enumerate(logs, start=1):
-        each = condition_log(log, model, cutoff=cutoff, delay=delay, measured_velocity=measured)
+        each = condition_log(log, model, cutoff, options)
         found.append(replace(each, name=each.name or f"log {k}"))
         where = each.path or found[-1].name
         stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
@@ -413,14 +404,11 @@ def torques_moved_back(log: ConditionedLog, model: Model, delay: float) -> Condi
         model: the model that it was conditioned for.
         delay: by how much the torques are late [s].
     """
-
-    def moved(segment: Segment) -> Segment:
-        # Why: what the links with prior values take was subtracted at the time of the positions.
-        known = known_torque(model, segment.q, segment.qd, segment.qdd)
-        back = segment_without_delay(replace(segment, tau=segment.tau + known), delay)
-        return replace(back, tau=back.tau - known)
-
-    return replace(log, segments=[moved(segment) for segment in log.segments], delay=delay)
+    segments = []
+    for s in log.segments:
+        known = known_torque(model, s.q, s.qd, s.qdd)
+        segments.append(segment_without_delay(s, delay, known))
+    return replace(log, segments=segments, delay=delay)
 
 
 def without_known(segments: Sequence[Segment], model: Model) -> list[Segment]:

@@ -46,11 +46,6 @@ def lowpass_kernel(cutoff: float, rate: float) -> Floats:
     return kernel
 
 
-def pulse_width(cutoff: float) -> float:
-    """Return half the length of the low-pass kernel [s]."""
-    return 0.5 * tuning.KAISER_TAPS / cutoff
-
-
 def derivative_kernels(kernel: Floats, rate: float) -> Floats:
     """Return the kernels that filter, filter and differentiate once, and twice, (3, taps + 4) [1, 1/s, 1/s^2].
 
@@ -97,33 +92,27 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         log: a prepared log.
         cutoff: of the filter over the torques [Hz].
     """
-    if (
-        len(log) <= 2 * tuning.SPIKE_REACH
-        or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate
-    ):
+    if (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate:
         return log, ()
     tau = np.array([_without_spikes(x) for x in log.tau.T]).T
     count = np.sum(tau != log.tau, axis=0).tolist()
-    if not any(count):
-        return log, ()
     counts = ", ".join(f"{name} {n}" for name, n in zip(log.names, count, strict=True) if n)
+    if not counts:
+        return log, ()
     text = f"{log.name}: torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
     return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count}),)
 
 
 def _without_spikes(x: Floats) -> Floats:
     """Return a torque, (N,), with the median of their neighbours for spikes; those of many are none."""
+    reach, large = tuning.SPIKE_REACH, tuning.SPIKE_OF_RANGE * np.ptp(x)
     # Why: no sample is further from the median around it than from all of its neighbours.
-    if tuning.SPIKE_REACH * np.abs(np.diff(x)).max() <= tuning.SPIKE_OF_RANGE * np.ptp(x):
+    if reach * np.abs(np.diff(x)).max() <= large:
         return x
-    padded = np.pad(x, tuning.SPIKE_REACH, mode="edge")
-    medians = np.median(sliding_window_view(padded, 2 * tuning.SPIKE_REACH + 1), axis=1)
+    padded = np.pad(x, reach, mode="edge")
+    medians = np.median(sliding_window_view(padded, 2 * reach + 1), axis=1)
     away = np.abs(x - medians)
-    least = max(
-        tuning.SPIKE_DEVIATIONS * 1.4826 * float(np.median(away)),
-        tuning.SPIKE_OF_RANGE * float(np.ptp(x)),
-    )
-    spikes = away > least
+    spikes = away > max(large, tuning.SPIKE_DEVIATIONS * 1.4826 * np.median(away))
     return np.where(spikes, medians, x) if np.mean(spikes) <= tuning.SPIKE_MOST else x
 
 
@@ -186,27 +175,20 @@ def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
     if noise.cutoff >= tuning.LOWEST_CUTOFF_HZ:
         return
     joint = robot.joints[noise.joint]
-    text = (
+    scatter = f"{noise.level[noise.joint]:.1g} {'rad' if joint.revolute else 'm'}"
+    effect = (
         "parameters are biased by it and their intervals are too narrow; record the commanded positions "
         "too (--method iv), or use a finer encoder"
     )
     if noise.share <= tuning.NOISE_SHARE:
-        text = (
+        effect = (
             f"everything is filtered at {noise.cutoff:.3g} Hz, where it is still {100 * noise.share:.2g} % of "
             "the accelerations. Intervals of physically consistent parameters allow for that; those of least squares "
             "may be too narrow. Commanded positions in the log (--method iv) avoid it"
         )
-    scatter = f"{noise.level[noise.joint]:.1g} {'rad' if joint.revolute else 'm'}"
-    yield Finding(
-        "W327",
-        "warning",
-        f"{joint.name} position scatters by {scatter}: {text}",
-        {
-            "noise": noise.level.tolist(),
-            "cutoff_hz": noise.cutoff,
-            "share_of_acceleration": noise.share,
-        },
-    )
+    text, level = f"{joint.name} position scatters by {scatter}: {effect}", noise.level.tolist()
+    facts = {"noise": level, "cutoff_hz": noise.cutoff, "share_of_acceleration": noise.share}
+    yield Finding("W327", "warning", text, facts)
 
 
 def encoder_noise(q: Floats) -> Floats:
@@ -367,28 +349,27 @@ def grid_rate(t: Floats) -> float:
     return float(f"{1 / usual:.3g}")
 
 
-def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter:
+def choose_filter(log: Log, cutoff: float, *, measured_velocity: bool = False) -> Filter:
     """Choose the filters for a log.
 
     Args:
         log: a prepared log.
-        robot: its robot.
-        cutoff: cut-off of the parallel filter [Hz]; ``choose_cutoff`` when None.
+        cutoff: cut-off of the parallel filter [Hz], such as that of ``choose_cutoff``.
+        measured_velocity: whether the velocities of the driver are taken where there are any.
 
     Raises:
         LogTooShort: the filters are longer than the log.
     """
-    if cutoff is None:
-        cutoff = choose_cutoff([log], robot)
     cutoff = min(cutoff, 0.45 * log.rate)
-    if 2.0 * pulse_width(cutoff) > log.duration:
-        raise too_short(log, f"the log has {log.duration:.2f} s", cutoff, 2.0 * pulse_width(cutoff))
+    kernel = tuning.KAISER_TAPS / cutoff
+    if kernel > log.duration:
+        raise too_short(log, f"the log has {log.duration:.2f} s", cutoff, kernel)
     rate = grid_rate(log.t)
     # How much both filters together thin a log, and the first one at most.
     both = max(1, int(rate / (tuning.KEPT_PER_CUTOFF * cutoff)))
     most = max(1, int(rate / (tuning.EVALUATED_PER_CUTOFF * cutoff)))
     first = max(k for k in range(1, most + 1) if both <= tuning.KEPT_MORE * k * (both // k))
-    return Filter(rate, cutoff, first, both // first)
+    return Filter(rate, cutoff, first, both // first, measured_velocity)
 
 
 def too_short(log: Log, what: str, cutoff: float, needed: float) -> LogTooShort:

@@ -17,7 +17,7 @@ from dynid.signals import tuning
 
 def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
     """Return a threshold for each joint out of one for revolute and one for prismatic joints, (n,)."""
-    return np.array([pair[0] if joint.revolute else pair[1] for joint in robot.joints])
+    return np.where(robot.turning, *pair)
 
 
 def speed(log: Log) -> Floats:
@@ -87,17 +87,16 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     span = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
     still = span < per_joint(tuning.STILL_SPAN, robot)
     if still.any() and not still.all():
+        joints = ((robot.joints[j], span[j]) for j in np.flatnonzero(still))
         moves = (
-            f"{joint.name} moves {reach:.2g} {'rad' if joint.revolute else 'm'}"
-            for joint, reach, stands in zip(robot.joints, span, still, strict=True)
-            if stands
+            f"{x.name} moves {reach:.2g} {'rad' if x.revolute else 'm'}" for x, reach in joints
         )
         raise JointStill(
             f"{', '.join(moves)}: its own parameters cannot be found", where=logs[0].topic
         )
-    seconds = sum(float(np.sum(any_moves(log, robot))) / log.rate for log in logs)
+    seconds = sum(any_moves(log, robot).sum() / log.rate for log in logs)
     wanted = sum(tuning.BASE_PER_JOINT + len(joint.friction) for joint in robot.joints)
-    count = sum(int(np.sum(swings(log, robot))) for log in logs)
+    count = sum(swings(log, robot).sum() for log in logs)
     if count >= tuning.FEW_SWINGS_PER_PARAMETER * wanted:
         return ()
     enough = seconds * wanted / max(count, 1)
@@ -106,7 +105,7 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     if count < tuning.SWINGS_PER_PARAMETER * wanted or seconds < tuning.LEAST_MOTION_S:
         raise LogTooShort(text, where=logs[0].topic)
     text = f"{text}; what it does not determine comes from the prior"
-    return (Finding("W313", "warning", text, {"seconds": seconds}),)
+    return (Finding("W313", "warning", text, {"seconds": float(seconds)}),)
 
 
 def sampled(t: Floats, q: Floats) -> Floats:

@@ -39,32 +39,27 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         log = take_samples(log, np.argsort(log.t, kind="stable"))
     _check_order(log)
     step = np.diff(log.t)
-    if np.any(step > 0):
-        rate = 1.0 / float(np.median(step[step > 0]))
-        if rate > tuning.FASTEST_HZ:
-            raise TimeNotIncreasing(
-                f"the samples are {1 / rate:.1e} s apart: is its time in seconds?",
-                fix="write the time in seconds",
-            )
-    later = np.concatenate([[True], step > 0])
-    repeated = int(np.sum(~later))
+    usual = np.median(step[step > 0]) if step.any() else np.inf
+    if usual < 1.0 / tuning.FASTEST_HZ:
+        raise TimeNotIncreasing(
+            f"the samples are {usual:.1e} s apart: is its time in seconds?",
+            fix="write the time in seconds",
+        )
+    again = np.append(False, step == 0)
+    repeated = int(again.sum())
     if not repeated:
         return log
-    twice = ~later[1:] & same_rows(log.q) & same_rows(log.tau)
     # Why: a sample that is stored twice leaves nothing open; two samples with one stamp do.
-    if repeated - int(twice.sum()) > tuning.DUPLICATE_SHARE * len(log):
-        text = f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse"
+    differ = again[1:] & ~(same_rows(log.q) & same_rows(log.tau))
+    if differ.sum() > tuning.DUPLICATE_SHARE * len(log):
         raise TimeNotIncreasing(
-            text, fix="write the time with more digits, or give --rate without it"
+            f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse",
+            fix="write the time with more digits, or give --rate without it",
         )
-    first = float(log.t[np.flatnonzero(~later)[0]])
+    first = log.t[np.argmax(again)]
     text = f"{repeated} samples repeat the time stamp of their predecessor, first at {first:.3f} s: dropped"
-    log = with_findings(
-        take_samples(log, np.flatnonzero(later)),
-        Finding("W311", "warning", text, {"samples": repeated}),
-    )
-    _check_length(log)
-    return log
+    found = Finding("W311", "warning", text, {"samples": repeated})
+    return _left(log, ~again, found)
 
 
 def _check_length(log: Log) -> None:
@@ -72,6 +67,13 @@ def _check_length(log: Log) -> None:
         raise LogTooShort(
             f"{len(log)} samples are too few: at least {tuning.LEAST_SAMPLES} are needed"
         )
+
+
+def _left(log: Log, keep: Mask, why: Finding) -> Log:
+    """Return the samples that are kept, (N,), with the finding of the others."""
+    kept = take_samples(log, np.flatnonzero(keep))
+    _check_length(kept)
+    return with_findings(kept, why)
 
 
 def same_rows(x: Floats) -> Mask:
@@ -83,15 +85,14 @@ def _check_order(log: Log) -> None:
     back = np.flatnonzero(np.diff(log.t) < 0)
     if not len(back):
         return
-    row = int(back[0])
-    before, after = float(log.t[row]), float(log.t[row + 1])
+    row, before = back[0], log.t[back[0]]
     overlap = " ".join(
         f"--exclude {np.floor(1000 * log.t[i + 1]) / 1000:.3f}-{np.ceil(1000 * log.t[i]) / 1000:.3f}"
         for i in back[:3]
     )
     more = f" and {len(back) - 1} times more" * (len(back) > 1)
     raise TimeNotIncreasing(
-        f"time goes back {before - after:.3g} s at row {row + 2} (t = {before:.2f} s){more}: "
+        f"time goes back {before - log.t[row + 1]:.3g} s at row {row + 2} (t = {before:.2f} s){more}: "
         "two recordings joined? stamps shuffled?",
         fix=f"leave the overlap out with {overlap}, or use --sort-time if stamps are just shuffled",
     )
@@ -119,14 +120,12 @@ def with_even_clock(log: Log) -> Log:
             break
     else:
         return log
-    late = float(np.std(log.t - t))
+    late, rate = float(np.std(log.t - t)), float(1 / slope)
+    log = replace(log, t=t)
     if late < tuning.STRAY_WORTH_SAYING * slope:
-        return replace(log, t=t)
-    text = f"stamps stray by {1e3 * late:.2g} ms, the samples are evenly spaced: a clock of {1 / slope:.4g} Hz is used"
-    return with_findings(
-        replace(log, t=t),
-        Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)}),
-    )
+        return log
+    text = f"stamps stray by {1e3 * late:.2g} ms, the samples are evenly spaced: a clock of {rate:.4g} Hz is used"
+    return with_findings(log, Finding("W323", "info", text, {"stray_s": late, "rate_hz": rate}))
 
 
 def _bend(t: Floats, q: Floats, close: Mask) -> Floats:
@@ -149,9 +148,7 @@ def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
     """
     if not exclude:
         return log
-    keep = np.ones(len(log), dtype=bool)
-    for start, end in exclude:
-        keep &= ~((log.t >= start) & (log.t <= end))
+    keep = ~np.any([(log.t >= start) & (log.t <= end) for start, end in exclude], axis=0)
     if not keep.any():
         raise LogTooShort("--exclude leaves no sample", fix="exclude less")
     return take_samples(log, np.flatnonzero(keep))
@@ -168,7 +165,7 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Fin
     for start, end in exclude:
         step[(log.t[:-1] <= end) & (log.t[1:] >= start)] = usual
     shortest = tuning.GAP_SAMPLES * usual
-    gaps = np.flatnonzero(step > shortest)
+    gaps = log.t[:-1][step > shortest].tolist()
     # Why: a longer step is a pause of the recording, in which nothing was lost.
     kept = step[step <= max(tuning.PAUSE_S, shortest)]
     lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
@@ -181,15 +178,10 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Fin
         raise TooManyLost(
             f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be missing"
         )
-    if len(gaps):
-        evidence = {
-            "gaps": len(gaps),
-            "longest_s": float(step[longest]),
-            "at_s": log.t[gaps].tolist(),
-        }
-        text = (
-            f"{log.name}: {len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there, not bridged"
-        )
+    if gaps:
+        evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": gaps}
+        many = "gap" if len(gaps) == 1 else "gaps"
+        text = f"{log.name}: {len(gaps)} {many}, {where}: cut there, not bridged"
         yield Finding("W312", "warning", text, evidence)
 
 
@@ -224,14 +216,13 @@ def without_stale(log: Log, robot: Robot) -> Log:
     # Why also at rest between motions: the samples of a driver that holds them are as far apart there.
     first, last = np.flatnonzero(busy)[[0, -1]]
     stale[:first] = stale[last + 1 :] = False
-    kept = take_samples(log, np.flatnonzero(np.append(True, ~stale)))
-    _check_length(kept)
     new = log.rate * (1 - share)
     text = (
         f"{100 * share:.0f} % of the samples in motion repeat the one before them: they are left out; "
         f"new ones come at {new:.0f} Hz"
     )
-    return with_findings(kept, Finding("W325", "warning", text, {"share": share, "rate_hz": new}))
+    found = Finding("W325", "warning", text, {"share": share, "rate_hz": new})
+    return _left(log, np.append(True, ~stale), found)
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:

@@ -20,7 +20,7 @@ from dynid.signals.conditioned_log import (
     condition_log,
     without_known,
 )
-from dynid.signals.filters import choose_filter
+from dynid.signals.filters import choose_cutoff, choose_filter
 from motions import tones
 
 RATE = 100.0
@@ -58,7 +58,7 @@ def truth(base):
 def stacked(base, *logs, cutoff=None):
     sources = []
     for log in logs:
-        chosen = choose_filter(log, base.robot, cutoff)
+        chosen = choose_filter(log, cutoff or choose_cutoff([log], base.robot))
         segments = without_known(condition(log, chosen), base.model)
         sources.append(ConditionedLog(segments, chosen, "log"))
     return stack_logs(sources, base)
@@ -210,7 +210,7 @@ def test_the_torque_of_a_later_time_is_taken_and_the_end_does_not_count(base):
     x = np.column_stack([np.sin(t)] * base.robot.n)
     log = Log(t, x, x**2, base.robot.joint_names, dh=True)
     plain, moved = (
-        condition_log(log, base.model, cutoff=20.0, delay=delay).segments[0]
+        condition_log(log, base.model, 20.0, dynid.LogOptions(delay=delay)).segments[0]
         for delay in (0.0, 0.013)
     )
     good = moved.usable[:, 0] & (moved.t < 3.5)

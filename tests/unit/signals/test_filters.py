@@ -64,15 +64,15 @@ def sine_log(rate=200.0, seconds=20.0, f=0.5, noise=1e-5, jitter=0.0, n=2):
 
 
 def test_the_cutoff_follows_the_motion_unless_given():
-    assert choose_filter(sine_log(f=2.0), ARM).cutoff == pytest.approx(20.0, abs=1.0)
-    assert choose_filter(sine_log(f=0.1), ARM).cutoff == 5.0
-    assert choose_filter(sine_log(), ARM, cutoff=7.0).cutoff == 7.0
+    assert choose_cutoff([sine_log(f=2.0)], ARM) == pytest.approx(20.0, abs=1.0)
+    assert choose_cutoff([sine_log(f=0.1)], ARM) == 5.0
+    assert choose_filter(sine_log(), 7.0).cutoff == 7.0
 
 
 @pytest.mark.parametrize(("jitter", "within"), [(0.0, 1e-5), (0.4, 2e-4)])
 def test_conditioning_finds_speed_and_acceleration_also_on_uneven_stamps(jitter, within):
     log = sine_log(jitter=jitter, noise=0.0)
-    (segment,) = condition(log, choose_filter(log, ARM, 20.0))
+    (segment,) = condition(log, choose_filter(log, 20.0))
     w, t = 2 * np.pi * 0.5 * np.arange(1, 3), segment.t[:, None]
     assert segment.q == pytest.approx(np.sin(w * t), abs=within)
     assert segment.qd == pytest.approx(w * np.cos(w * t), abs=within * w.max())
@@ -84,7 +84,7 @@ def test_what_is_excluded_in_the_logs_own_clock_is_cut_out_not_bridged_and_leave
     q, t = log.q.copy(), log.t + 7.0
     q[(t > 15) & (t < 16)] = 50.0
     clean = without_intervals(Log(t, q, log.tau), [(14.99, 16.01)])
-    before, after = condition(clean, choose_filter(log, ARM))
+    before, after = condition(clean, choose_filter(log, 5.0))
     assert before.t[-1] < 15
     assert 16 < after.t[0] < 16.6
     assert max(np.abs(part.q).max() for part in (before, after)) < 1.01
@@ -245,9 +245,8 @@ def test_the_velocity_is_as_sharp_as_its_noise_allows(noise):
 def test_a_filtered_sign_turns_when_the_joint_does():
     """The sign of a filtered velocity turns milliseconds late, the filtered sign of a sharp one does not."""
     q, speed = braking(SHARP_T)
-    robot = Robot("one", "standard", (Joint("j"),))
     log = Log(SHARP_T, q[:, None], np.tanh(speed / 0.01)[:, None], ("j",))
-    chosen = choose_filter(log, robot, 5.0)
+    chosen = choose_filter(log, 5.0)
     (segment,), (sign,) = condition(log, chosen), signs_of_shapes(log, chosen, SIGN, [SIGN])
     sharp, late = (
         np.abs(way - segment.tau).max() for way in (sign[..., 0], np.tanh(segment.qd / 0.01))
@@ -273,7 +272,7 @@ def sines_of(model, frequency=0.5, seconds=12.0, seed=0):
 
 def test_one_filter_serves_the_fastest_of_several_logs(model):
     slow, fast = sines_of(model, 0.3), sines_of(model, 2.5)
-    alone = [condition_log(each, model).filter.cutoff for each in (slow, fast)]
+    alone = [choose_cutoff([each], model.robot) for each in (slow, fast)]
     together = condition_logs([slow, fast], model)
     assert alone[0] < alone[1]
     assert [each.filter.cutoff for each in together] == [max(alone)] * 2
@@ -283,9 +282,9 @@ def test_one_filter_serves_the_fastest_of_several_logs(model):
 def test_a_spike_is_taken_out_before_the_filter_and_said(model):
     clean, spike = sines_of(model), np.zeros((2400, model.robot.n))
     spike[1000, 1] = 100
-    found = condition_log(replace(clean, tau=clean.tau + spike), model)
+    found = condition_log(replace(clean, tau=clean.tau + spike), model, 5.0)
     assert [finding.code for finding in found.findings] == ["W324"]
-    expected = condition_log(clean, model).segments[0].tau
+    expected = condition_log(clean, model, 5.0).segments[0].tau
     assert found.segments[0].tau == pytest.approx(expected, abs=0.02 * np.ptp(expected))
 
 
