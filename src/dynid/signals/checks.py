@@ -299,12 +299,10 @@ def check_torque_scale(log: Log, robot: Robot, gone: Mask) -> None:
         if high / 1000 > tuning.BEYOND_RATING * rating:
             guess = "raw counts"
             fix = "find out what the driver publishes; give the gain under `torque:`"
-        top = f"{largest[j]:,.0f}".replace(",", " ")
-        unit = robot.joints[j].torque_unit.replace(" ", "")
-        raise TorqueScale(
-            f"{robot.joint_names[j]} torque reaches {top}: {guess}? rating {rating:g} {unit}",
-            fix=fix,
-        )
+        joint, top = robot.joints[j], f"{largest[j]:,.0f}".replace(",", " ")
+        unit = joint.torque_unit.replace(" ", "")
+        text = f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}"
+        raise TorqueScale(text, fix=fix)
 
 
 def clipped_samples(log: Log, robot: Robot, gone: Mask) -> tuple[Mask, tuple[Finding, ...]]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from difflib import SequenceMatcher
+from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,14 +54,10 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
 
 def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
     """Return the list to paste: in chain order where names are alike, else with places to fill in."""
-    from scipy.optimize import linear_sum_assignment
-
-    likeness = np.array(
-        [[SequenceMatcher(None, own, name).ratio() for name in names] for own in robot.joint_names]
-    )
-    rows, columns = linear_sum_assignment(-likeness)
-    if np.all(likeness[rows, columns] > tuning.ALIKE_NAMES):
-        return f"[{', '.join(yaml_word(names[k]) for k in columns)}]"
+    alike = [get_close_matches(own, names, 1, tuning.ALIKE_NAMES) for own in robot.joint_names]
+    chain = [yaml_word(name) for names in alike for name in names]
+    if len(set(chain)) == robot.n:
+        return f"[{', '.join(chain)}]"
     places = ", ".join(f"<the column of {name}>" for name in robot.joint_names)
     return f"[{places}]   (the log's own order need not be that of the chain)"
 

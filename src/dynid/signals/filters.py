@@ -210,17 +210,14 @@ def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise
     """
     if level is None:
         level = white_noise(log.q)
-    cutoffs = np.arange(
-        tuning.LOWEST_TRIED_HZ,
-        max(0.45 * log.rate, tuning.LOWEST_TRIED_HZ) + tuning.TRIED_STEP_HZ / 2,
-        tuning.TRIED_STEP_HZ,
-    )
-    span = np.ptp(log.q, axis=0)
-    moves = span > np.minimum(per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t), 20 * level)
+    lowest, step = tuning.LOWEST_TRIED_HZ, tuning.TRIED_STEP_HZ
+    cutoffs = np.arange(lowest, max(lowest, 0.45 * log.rate) + step / 2, step)
+    far = per_joint(tuning.MOVING_SPEED, robot) * log.duration
+    moves = np.ptp(log.q, axis=0) > np.minimum(far, 20 * level)
     share = np.where(moves, _shares(log, level, cutoffs), 0.0)
     worst = share.max(axis=1)
     quiet = np.flatnonzero(worst <= tuning.NOISE_SHARE)
-    best = int(quiet[-1]) if len(quiet) else int(np.argmin(worst))
+    best = quiet[-1] if len(quiet) else np.argmin(worst)
     return Noise(level, int(np.argmax(share[best])), float(cutoffs[best]), float(worst[best]))
 
 

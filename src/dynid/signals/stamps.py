@@ -168,9 +168,9 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Fin
     gaps = log.t[:-1][step > shortest].tolist()
     # Why: a longer step is a pause of the recording, in which nothing was lost.
     kept = step[step <= max(tuning.PAUSE_S, shortest)]
-    lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
+    between = np.maximum(1.0, np.round(kept / usual)) - 1.0
     # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
-    lost = min(lost, max(0.0, float(np.sum(kept)) / usual - len(kept)))
+    lost = max(0.0, min(between.sum(), kept.sum() / usual - len(kept)))
     share = lost / (lost + len(log))
     longest = int(np.argmax(step))
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
@@ -207,7 +207,7 @@ def without_stale(log: Log, robot: Robot) -> Log:
     if not many(stale) and many(same_q):
         # Held as a whole: where any joint changes, those that move change nearly all.
         several = (alive.sum(axis=1) >= 2) & ~same_q
-        moved = (log.q[1:] != log.q[:-1])[several][alive[several]]
+        moved = (np.diff(log.q, axis=0) != 0.0)[alive & several[:, None]]
         if moved.sum() > tuning.CHANGE_TOGETHER * len(moved):
             stale = same_q
     if not many(stale):
