@@ -22,7 +22,7 @@ from dynid.text import shell
 from dynid.workflows.options import RecordOptions
 
 if TYPE_CHECKING:
-    from dynid.record.session import Outcome
+    from dynid.record.monitor import Outcome
     from dynid.robot import Robot
     from dynid.workflows.record import Recording
 

@@ -22,6 +22,17 @@ SERVICE_PATIENCE = 1.5
 CONNECT_PATIENCE = 3.0
 #: The first command of a stream leaves this long after it begins [s].
 RUN_UP = 0.05
+#: How often a waiting thread looks [s].
+LOOK = 0.005
+
+
+def wait_until(done: Callable[[], Any], patience: float, late: DynidError) -> None:
+    """Wait until something is done, and raise ``late`` after so long [s]."""
+    end = time.monotonic() + patience
+    while not done():
+        if time.monotonic() > end:
+            raise late
+        time.sleep(LOOK)
 
 
 @dataclass(frozen=True)
@@ -151,20 +162,18 @@ class CommandPort(ABC):
             queue_size: of the publisher.
         """
         publisher = self.node.rospy.Publisher(topic, kind, queue_size=queue_size, tcp_nodelay=True)
-        end = time.monotonic() + CONNECT_PATIENCE
-        while publisher.get_num_connections() == 0:
-            if time.monotonic() > end:
-                raise failure or ServiceMissing(f"nobody listens to {topic}", where=topic)
-            time.sleep(0.02)
+        late = failure or ServiceMissing(f"nobody listens to {topic}", where=topic)
+        wait_until(publisher.get_num_connections, CONNECT_PATIENCE, late)
         return publisher
 
-    def require_listener(self, publisher: Any, topic: str) -> None:  # noqa: ANN401
+    def require_listener(self, publisher: Any) -> None:  # noqa: ANN401
         """Raise when nobody listens any more to what stops the arm.
 
         Raises:
             ServiceMissing: the connection is gone.
         """
         if publisher.get_num_connections() == 0:
+            topic = publisher.resolved_name
             raise ServiceMissing(f"nobody listens to {topic} any more", where=topic)
 
     def send(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
@@ -206,9 +215,9 @@ class CommandPort(ABC):
             fix="zero them by hand",
         )
 
-    def call(self, proxy: Any, name: str, *request: Any) -> Any:  # noqa: ANN401
+    def call(self, proxy: Any, *request: Any) -> Any:  # noqa: ANN401
         """Call a service within a limit."""
-        rospy = self.node.rospy
+        rospy, name = self.node.rospy, proxy.resolved_name
         try:
             return within(SERVICE_PATIENCE, lambda: proxy(*request))
         except (rospy.ServiceException, OSError, rospy.ROSException) as error:

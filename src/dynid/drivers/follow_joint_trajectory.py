@@ -16,10 +16,16 @@ from typing import Any
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.drivers.command_port import CONNECT_PATIENCE, SERVICE_PATIENCE, CommandPort, Target
+from dynid.drivers.command_port import (
+    CONNECT_PATIENCE,
+    SERVICE_PATIENCE,
+    CommandPort,
+    Target,
+    wait_until,
+)
 from dynid.drivers.joint_trajectory import point_of
 from dynid.drivers.ros import import_ros, message_classes
-from dynid.errors import DynidError, GoalRefused, ServiceMissing, TopicMissing, TopicSilent
+from dynid.errors import GoalRefused, ServiceMissing, TopicMissing, TopicSilent
 from dynid.text import shell
 
 TRAJECTORY = "trajectory_msgs/JointTrajectory"
@@ -27,8 +33,6 @@ TRAJECTORY = "trajectory_msgs/JointTrajectory"
 POINT_RATE = 50.0
 #: A controller takes a goal of some minutes within this time [s], and says that it is there so long after its end.
 ACCEPT_PATIENCE, FINISH_PATIENCE = 3.0, 5.0
-#: How often a waiting thread looks [s].
-LOOK = 0.005
 
 GOAL = "control_msgs/FollowJointTrajectoryActionGoal"
 RESULT = "control_msgs/FollowJointTrajectoryActionResult"
@@ -194,11 +198,9 @@ class FollowJointTrajectoryPort(CommandPort):
         """Connect to goal and cancel, and wait for the server's status, which it publishes without a goal too."""
         rospy = self.node.rospy
         super().ready()
-        for name, kind, heard in (
-            ("status", STATUS, self._status),
-            ("result", RESULT, self._result),
-        ):
-            rospy.Subscriber(self._topic(name), action_message(kind), heard, tcp_nodelay=True)
+        heard = {"status": (STATUS, self._status), "result": (RESULT, self._result)}
+        for name, (kind, callback) in heard.items():
+            rospy.Subscriber(self._topic(name), action_message(kind), callback, tcp_nodelay=True)
         self._cancel = self.connected(self._topic("cancel"), action_message(CANCEL))
         if not self._alive.wait(CONNECT_PATIENCE):
             raise TopicSilent(
@@ -223,13 +225,8 @@ class FollowJointTrajectoryPort(CommandPort):
         goal = self._goal(at, duration)
         self._id = goal.goal_id.id
         self.publisher.publish(goal)
-        _wait(
-            lambda: self._state > 0,
-            ACCEPT_PATIENCE,
-            GoalRefused(
-                f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s"
-            ),
-        )
+        late = f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s"
+        wait_until(lambda: self._state > 0, ACCEPT_PATIENCE, GoalRefused(late))
         self._raise_refusal()
         return time.monotonic(), goal
 
@@ -254,7 +251,7 @@ class FollowJointTrajectoryPort(CommandPort):
             GoalRefused: it gave up, or does not say so.
         """
         late = f"the controller did not reach the end within {FINISH_PATIENCE:g} s after it"
-        _wait(lambda: self._state in ENDED, FINISH_PATIENCE, GoalRefused(late))
+        wait_until(lambda: self._state in ENDED, FINISH_PATIENCE, GoalRefused(late))
         self._raise_refusal()
 
     def stop(self) -> str:
@@ -267,15 +264,15 @@ class FollowJointTrajectoryPort(CommandPort):
             self._cancel.publish(cancel)
         where = self._topic("cancel")
         late = f"{where} did not confirm within {SERVICE_PATIENCE:g} s"
-        _wait(lambda: self._state in ENDED, SERVICE_PATIENCE, ServiceMissing(late, where=where))
+        wait_until(
+            lambda: self._state in ENDED, SERVICE_PATIENCE, ServiceMissing(late, where=where)
+        )
         return f"goal {STATES[self._state]}"
 
     def _raise_refusal(self) -> None:
         if self._state in ENDED and self._state != SUCCEEDED:
-            reason = f": {self._text}" if self._text else ""
-            raise GoalRefused(
-                f"the controller says that the motion is {STATES[self._state]}{reason}"
-            )
+            reason = f"{STATES[self._state]}: {self._text}".removesuffix(": ")
+            raise GoalRefused(f"the controller says that the motion is {reason}")
 
     def _status(self, statuses: Any) -> None:  # noqa: ANN401
         self._alive.set()
@@ -287,15 +284,6 @@ class FollowJointTrajectoryPort(CommandPort):
         if result.status.goal_id.id == self._id:
             self._text = result.result.error_string or result.status.text
             self._state = result.status.status
-
-
-def _wait(done: Callable[[], bool], patience: float, late: DynidError) -> None:
-    """Wait until something is done, and raise ``late`` after so long [s]."""
-    end = time.monotonic() + patience
-    while not done():
-        if time.monotonic() > end:
-            raise late
-        time.sleep(LOOK)
 
 
 @cache

@@ -95,9 +95,18 @@ class Driver:
         """
         wanted = asked or robot.columns.topic
         states = [name for name, kind in topics.items() if kind == JOINT_STATE]
-        if wanted is None:
-            return self._default_topic(states, topics, bag)
         better = shell("--topic", states[0]) if states else "record the driver's joint state topic"
+        if wanted is None:
+            usual = [
+                name for ending in self.default_topics for name in states if name.endswith(ending)
+            ]
+            if len(states) == 1 or len(set(usual)) == 1:
+                return (usual or states)[0]
+            text, fix = f"{bag} has no {JOINT_STATE} topic; it has {_listed(topics)}", better
+            if states:
+                text = f"{bag} has several joint state topics: {', '.join(states)}"
+                fix = f"name one of them: {better}"
+            raise TopicMissing(text, where=bag, fix=fix)
         if wanted not in topics:
             text = f"topic '{wanted}' is not in {bag}; it has {_listed(topics)}"
             fix = better if len(states) == 1 else "name one of them with --topic"
@@ -114,20 +123,6 @@ class Driver:
     def type_note(self, kind: str) -> str:
         """Return what is wrong with a message type, in brackets, or an empty text."""
         return ""
-
-    def _default_topic(self, states: list[str], topics: Mapping[str, str], bag: str) -> str:
-        known = [name for ending in self.default_topics for name in states if name.endswith(ending)]
-        if len(states) == 1 or len(set(known)) == 1:
-            return known[0] if known else states[0]
-        if not states:
-            raise TopicMissing(
-                f"{bag} has no {JOINT_STATE} topic; it has {_listed(topics)}",
-                where=bag,
-                fix="record the driver's joint state topic",
-            )
-        text = f"{bag} has several joint state topics: {', '.join(states)}"
-        fix = f"name one of them: {shell('--topic', states[0])}"
-        raise TopicMissing(text, where=bag, fix=fix)
 
 
 def _listed(topics: Mapping[str, str]) -> str:

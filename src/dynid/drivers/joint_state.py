@@ -46,7 +46,6 @@ class Columns:
                 fix="record with --listen-only while the arm's own program moves it",
             )
         self.names = robot.log_names
-        self._known: dict[tuple[str, ...], list[int] | None] = {}
         columns = robot.columns
         self._position, self._velocity, self._effort = robot.unit_factors(columns.units).values()
         self.sign, self._offset = np.array(columns.map.sign), np.array(columns.map.offset)
@@ -54,25 +53,15 @@ class Columns:
 
     def indices(self, names: Sequence[str]) -> list[int] | None:
         """Return where the robot's joints stand in a message; None when one is missing."""
-        key = tuple(names)
-        if key not in self._known:
-            complete = set(self.names) <= set(key)
-            self._known[key] = [key.index(name) for name in self.names] if complete else None
-        return self._known[key]
+        complete = set(self.names) <= set(names)
+        return [names.index(name) for name in self.names] if complete else None
 
     def sample(self, message: Any, arrival: float) -> Sample | None:  # noqa: ANN401
         """Return a sensor_msgs/JointState in DH quantities; None for one that is not of this arm, or has no torques."""
-        where = self.indices(message.name)
-        if (
-            where is None
-            or len(message.position) != len(message.name)
-            or len(message.effort) != len(message.name)
-        ):
+        where, values = self.indices(message.name), (message.position, message.effort)
+        if where is None or any(len(each) != len(message.name) for each in values):
             return None
-        q, tau = (
-            np.array([values[i] for i in where], dtype=float)
-            for values in (message.position, message.effort)
-        )
+        q, tau = (np.array(each, dtype=float)[where] for each in values)
         return Sample(arrival, self.positions_dh(q), self.efforts_dh(tau))
 
     def positions_dh(self, q: Floats) -> Floats:
@@ -98,7 +87,3 @@ class Columns:
     def efforts(self, tau: Floats) -> Floats:
         """Return DH torques, (..., n) [N m or N], in the driver's unit."""
         return tau * self._torque_sign / self._effort
-
-    def in_degrees(self, qd: Floats) -> Floats:
-        """Return DH velocities, (..., n) [rad/s], as the driver's [deg/s], whatever unit its joint states have."""
-        return np.degrees(qd * self.sign)

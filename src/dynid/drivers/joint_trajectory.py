@@ -44,7 +44,7 @@ class JointTrajectoryPort(CommandPort):
         """Send an empty trajectory, which makes the controller hold where it is."""
         empty = self.command_type()()
         empty.joint_names = list(self.columns.names)
-        self.require_listener(self.publisher, self.command_topic)
+        self.require_listener(self.publisher)
         self.publisher.publish(empty)
         return "empty trajectory sent"
 

@@ -23,7 +23,7 @@ from dynid.errors import ServiceMissing
 DRIFT_GAIN = 1.0
 #: Velocities change by this share of the acceleration limit at most: they are rounded to 32 bits on the way.
 SLEW_SHARE = 0.999
-_GRAVITY = "torque_parameters/publish_torque_with_gravity_compensation"
+GRAVITY = "torque_parameters/publish_torque_with_gravity_compensation"
 _SEVEN = "\n".join(f"float32 joint{i}" for i in range(1, 8)) + "\n"
 _SERVICES = {
     "Stop": "---\nstring stop_result\n",
@@ -63,7 +63,8 @@ class KinovaGen2Port(CommandPort):
         step = SLEW_SHARE * hardest / self.rate
         speed = self._speed + np.clip(wanted - self._speed, -step, step)
         self._speed = speed
-        values = self.columns.in_degrees(speed).tolist()
+        # Unit: degrees, whatever unit the joint states have.
+        values = np.degrees(speed * self.columns.sign).tolist()
         return self.command_type()(*values, *[0.0] * (7 - len(values)))
 
     def endpoints(self) -> list[str]:
@@ -80,28 +81,23 @@ class KinovaGen2Port(CommandPort):
         self._speed = np.zeros(self.robot.n)
         self._stop = self._proxy("Stop", "in/stop", persistent=True)
         self.stop()
-        self.call(self._proxy("Start", "in/start"), f"{self.namespace}/in/start")
-        mode = self._proxy("SetTorqueControlMode", "in/set_torque_control_mode")
+        self.call(self._proxy("Start", "in/start"))
         # Why: the driver's callback returns no value, so a call that worked is often reported as failed.
         with contextlib.suppress(ServiceMissing):
-            self.call(mode, f"{self.namespace}/in/set_torque_control_mode", 0)
+            self.call(self._proxy("SetTorqueControlMode", "in/set_torque_control_mode"), 0)
 
     def stop(self) -> str:
         """Call ``in/stop``, which erases queued points and holds until ``in/start``."""
-        return str(self.call(self._stop, f"{self.namespace}/in/stop").stop_result)
+        return str(self.call(self._stop).stop_result)
 
     def gravity_removed(self) -> bool | None:
         """Return the driver's parameter publish_torque_with_gravity_compensation."""
-        name = f"{self.namespace}/{_GRAVITY}"
-        master = self.node.master()
+        name, master = f"{self.namespace}/{GRAVITY}", self.node.master()
         return bool(master.getParam(name)) if master.hasParam(name) else None
 
     def zero_torques(self) -> None:
         """Call ``in/set_zero_torques``."""
-        self.call(
-            self._proxy("ZeroTorques", "in/set_zero_torques"),
-            f"{self.namespace}/in/set_zero_torques",
-        )
+        self.call(self._proxy("ZeroTorques", "in/set_zero_torques"))
 
     def _proxy(self, kind: str, name: str, *, persistent: bool = False) -> Any:  # noqa: ANN401
         return self.node.rospy.ServiceProxy(

@@ -35,13 +35,11 @@ class Lwr4PlusPort(JointTrajectoryPort):
 
     def stop(self) -> str:
         """Press the software stop: the controllers are reset and the arm holds until it is released."""
-        self.require_listener(self._stop, self.stop_topic)
+        self.require_listener(self._stop)
         for _ in range(3):
             self._stop.publish(self._bool(True))
             time.sleep(0.02)
         # Why: a topic is not answered; that the connection outlived three messages is all that can be known.
-        self.require_listener(self._stop, self.stop_topic)
-        return (
-            "emergency_stop is pressed; release it with: rostopic pub -1 "
-            + f"{self.stop_topic} std_msgs/Bool false"
-        )
+        self.require_listener(self._stop)
+        release = f"rostopic pub -1 {self.stop_topic} std_msgs/Bool false"
+        return f"emergency_stop is pressed; release it with: {release}"

@@ -82,10 +82,7 @@ def import_ros(name: str) -> Any:  # noqa: ANN401 - ROS has no types
     Raises:
         RosMissing: it is not installed.
     """
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        sys.path.extend(folder for folder in ros_folders() if folder not in sys.path)
+    sys.path.extend(folder for folder in ros_folders() if folder not in sys.path)
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -238,10 +235,8 @@ def _silence() -> None:
     import logging
 
     for name in ("rosout", "rospy", "rospy.internal"):
-        logger = logging.getLogger(name)
-        for handler in list(logger.handlers):
-            if not isinstance(handler, logging.FileHandler):
-                logger.removeHandler(handler)
+        handlers = logging.getLogger(name).handlers
+        handlers[:] = [each for each in handlers if isinstance(each, logging.FileHandler)]
 
 
 def raise_priority() -> str:

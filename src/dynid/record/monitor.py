@@ -2,37 +2,76 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dynid.arrays import Floats
 from dynid.drivers.joint_state import Sample
-from dynid.errors import PacingLate, StateStale, TorqueHigh, TrackingLost
+from dynid.errors import DynidError, PacingLate, StateStale, TorqueHigh, TrackingLost
 from dynid.record import tuning
+from dynid.record.recorder import Tally
 from dynid.robot import Robot
 
 
 @dataclass
+class Outcome:
+    """How a recording ended.
+
+    Attributes:
+        tally: what came in.
+        seconds: length of the motion that was played, or of listening [s].
+        commands: how many were sent.
+        skipped: periods without a command because the machine was late.
+        largest_lateness: of a command [s].
+        largest_deviation: between planned and measured position [rad or m].
+        largest_torque_share: of a rating.
+        failure: what ended it early; None when it ended as planned.
+        stop: what the driver answered to the stop; "" when it was not stopped.
+        stop_failure: why it could not be stopped.
+        still: whether the arm stood still afterwards; None when that was not seen.
+        notes: further sentences for a person.
+    """
+
+    tally: Tally = field(default_factory=Tally)
+    seconds: float = 0.0
+    commands: int = 0
+    skipped: int = 0
+    largest_lateness: float = 0.0
+    largest_deviation: float = 0.0
+    largest_torque_share: float = 0.0
+    failure: BaseException | None = None
+    stop: str = ""
+    stop_failure: str = ""
+    still: bool | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        """One word or sentence for the manifest."""
+        if self.failure is None:
+            return "clean"
+        if isinstance(self.failure, KeyboardInterrupt):
+            return "stopped by the operator"
+        code = f"{self.failure.code}: " if isinstance(self.failure, DynidError) else ""
+        return f"aborted, {code}{self.failure}"
+
+
+@dataclass
 class Monitor:
-    """The monitor of one run; it also remembers how near the limits the run came.
+    """The monitor of one run.
 
     Args:
         robot: the arm.
         max_deviation: largest distance between planned and measured position [rad or m].
+        outcome: where it writes how near the limits the run came.
     """
 
     robot: Robot
     max_deviation: float = tuning.STOP_DEVIATION
-    largest_deviation: float = 0.0
-    largest_lateness: float = 0.0
-    largest_torque_share: float = 0.0
+    outcome: Outcome = field(default_factory=Outcome)
     _high: int = 0
     _last_checked: float = -1.0
-
-    def __post_init__(self) -> None:
-        """Collect the ratings."""
-        self._rating = self.robot.limits("torque")
 
     def pace(self, late: float, time: float) -> None:
         """Judge how late a command leaves.
@@ -40,7 +79,7 @@ class Monitor:
         Raises:
             PacingLate: too late.
         """
-        self.largest_lateness = max(self.largest_lateness, late)
+        self.outcome.largest_lateness = max(self.outcome.largest_lateness, late)
         if late > tuning.STOP_LATE_S:
             raise PacingLate(
                 f"a command was {1e3 * late:.0f} ms late (limit {1e3 * tuning.STOP_LATE_S:.0f}): "
@@ -75,7 +114,7 @@ class Monitor:
     def _tracking(self, sample: Sample, planned: Floats, time: float) -> None:
         error = np.abs(sample.q - planned)
         worst = int(np.nanargmax(error)) if np.isfinite(error).any() else 0
-        self.largest_deviation = max(self.largest_deviation, float(error[worst]))
+        self.outcome.largest_deviation = max(self.outcome.largest_deviation, float(error[worst]))
         if not error[worst] <= self.max_deviation:
             unit = "rad" if self.robot.joints[worst].revolute else "m"
             raise TrackingLost(
@@ -84,9 +123,11 @@ class Monitor:
             )
 
     def _torque(self, sample: Sample, time: float) -> None:
-        share = np.abs(sample.tau) / self._rating
+        share = np.abs(sample.tau) / self.robot.limits("torque")
         worst = int(share.argmax())
-        self.largest_torque_share = max(self.largest_torque_share, float(share[worst]))
+        self.outcome.largest_torque_share = max(
+            self.outcome.largest_torque_share, float(share[worst])
+        )
         self._high = self._high + 1 if share[worst] > tuning.STOP_TORQUE_SHARE else 0
         if self._high >= tuning.STOP_TORQUE_STATES:
             raise TorqueHigh(

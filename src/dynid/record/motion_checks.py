@@ -139,20 +139,20 @@ def _speed(alpha: float) -> str:
 
 
 def _check_consistent(motion: Motion) -> None:
+    step, wrong = np.diff(motion.t), ""
     if not all(np.isfinite(part).all() for part in vars(motion).values()):
-        raise LimitBroken("the motion has values that are not a number", fix="plan it again")
-    step = np.diff(motion.t)
-    if len(step) == 0 or step.min() <= 0:
-        raise LimitBroken("the motion's time does not increase", fix="plan it again")
-    if np.abs(motion.qd[[0, -1]]).max() > 1e-3:
-        raise LimitBroken("the motion does not begin and end at rest", fix="plan it again")
-    # Why: positions and velocities are sent to different drivers; they must be the same motion on all of them.
-    moved = np.diff(motion.q, axis=0) - 0.5 * (motion.qd[1:] + motion.qd[:-1]) * step[:, None]
-    allowed = 1e-4 + np.abs(motion.qdd).max() * step.max() ** 2
-    if np.abs(moved).max() > allowed:
-        raise LimitBroken(
-            "the motion's velocities are not the change of its positions", fix="plan it again"
-        )
+        wrong = "the motion has values that are not a number"
+    elif len(step) == 0 or step.min() <= 0:
+        wrong = "the motion's time does not increase"
+    elif np.abs(motion.qd[[0, -1]]).max() > 1e-3:
+        wrong = "the motion does not begin and end at rest"
+    else:
+        # Why: positions and velocities are sent to different drivers; they must be the same motion on all of them.
+        moved = np.diff(motion.q, axis=0) - 0.5 * (motion.qd[1:] + motion.qd[:-1]) * step[:, None]
+        if np.abs(moved).max() > 1e-4 + np.abs(motion.qdd).max() * step.max() ** 2:
+            wrong = "the motion's velocities are not the change of its positions"
+    if wrong:
+        raise LimitBroken(wrong, fix="plan it again")
 
 
 def check_clearance(

@@ -46,14 +46,12 @@ class ObservedState:
         tau: mean torques, (n,).
         rate: rate of arrival [Hz].
         moved: largest change of any joint [rad or m].
-        names: names in the message.
     """
 
     q: Floats
     tau: Floats
     rate: float
     moved: float
-    names: tuple[str, ...]
 
 
 def find_topic(node: Node, robot: Robot, asked: str | None) -> str:
@@ -86,15 +84,13 @@ def listen(listener: Listener, robot: Robot, patience: float) -> ObservedState:
             raise _nothing(listener, robot, patience)
         time.sleep(0.005)
     begin, count = time.monotonic(), listener.tally.messages
-    rows, arrival = [], -1.0
+    samples = [listener.latest]
     while time.monotonic() < begin + tuning.LISTENING_S:
-        sample = listener.latest
-        if sample.arrival != arrival:
-            arrival = sample.arrival
-            rows.append((sample.q, sample.tau))
+        if listener.latest is not samples[-1]:
+            samples.append(listener.latest)
         time.sleep(0.005)
     rate = (listener.tally.messages - count) / (time.monotonic() - begin)
-    q, tau = (np.array(part) for part in zip(*rows, strict=True))
+    q, tau = (np.array([getattr(sample, key) for sample in samples]) for key in ("q", "tau"))
     if not (np.isfinite(q).all() and np.isfinite(tau).all()):
         raise NotFinite(
             f"{listener.topic} has positions or torques that are not a number",
@@ -107,9 +103,8 @@ def listen(listener: Listener, robot: Robot, patience: float) -> ObservedState:
             where=listener.topic,
             fix=driver_of(robot).rate_fix,
         )
-    return ObservedState(
-        q.mean(axis=0), tau.mean(axis=0), rate, float(np.ptp(q, axis=0).max()), listener.names
-    )
+    moved = float(np.ptp(q, axis=0).max())
+    return ObservedState(q.mean(axis=0), tau.mean(axis=0), rate, moved)
 
 
 def _nothing(listener: Listener, robot: Robot, patience: float) -> Exception:
@@ -176,21 +171,17 @@ def check_gravity(seen: ObservedState, robot: Robot, port: CommandPort) -> bool 
     removed = port.gravity_removed()
     if robot.torque.source == "gravity_free":
         return removed
-    if removed:
-        raise GravityRemoved(
-            "the driver says that it publishes torques without gravity",
-            fix=driver_of(robot).gravity_fix,
-        )
     weight = np.abs(expected_torque(seen.q[None], robot)[0])
-    heavy = int(weight.argmax())
-    if robot.torque.source != "motor_current" and weight[heavy] > tuning.LEAST_WEIGHT_NM:
-        largest = float(np.abs(seen.tau).max())
-        if largest < tuning.NO_WEIGHT_SHARE * weight[heavy]:
-            raise GravityRemoved(
-                f"no joint reads more than {largest:.2f} N m, but {robot.joint_names[heavy]} must carry about "
-                f"{weight[heavy]:.0f} N m here",
-                fix=driver_of(robot).gravity_fix,
-            )
+    heavy, largest = int(weight.argmax()), np.abs(seen.tau).max()
+    unloaded = weight[heavy] > max(tuning.LEAST_WEIGHT_NM, largest / tuning.NO_WEIGHT_SHARE)
+    what = (
+        f"no joint reads more than {largest:.2f} N m, but {robot.joint_names[heavy]} must carry about "
+        f"{weight[heavy]:.0f} N m here"
+    )
+    if removed:
+        what = "the driver says that it publishes torques without gravity"
+    if removed or (unloaded and robot.torque.source != "motor_current"):
+        raise GravityRemoved(what, fix=driver_of(robot).gravity_fix)
     return removed
 
 

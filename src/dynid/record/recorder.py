@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from types import SimpleNamespace
 from typing import Any
 
@@ -141,7 +141,7 @@ class LogRecorder:
     def __init__(self, listener: Listener, folder: Path) -> None:
         self.listener = listener
         self.bag_path, self.text_folder = folder / "log.bag", folder / "log"
-        self.failure: OSError | None = None
+        self.failure: CannotWrite | None = None
         self.written = 0
         self._queue: Queue = SimpleQueue()
         self._end = threading.Event()
@@ -185,8 +185,15 @@ class LogRecorder:
             try:
                 each.close()
             except OSError as error:
-                self.failure = self.failure or error
+                self.failure = self.failure or self._unwritten(error)
         return tally
+
+    def _unwritten(self, error: OSError) -> CannotWrite:
+        return CannotWrite(
+            f"cannot write {self.bag_path}: {error.strerror}; {self.written} messages are in it",
+            where=self.bag_path,
+            fix="make room, or record elsewhere with --out",
+        )
 
     def _write_all(self) -> None:
         while not (self._end.is_set() and self._queue.empty()):
@@ -194,15 +201,12 @@ class LogRecorder:
             try:
                 self._drain()
             except OSError as error:
-                self.failure = error
+                self.failure = self._unwritten(error)
                 return
 
     def _drain(self) -> None:
-        while True:
-            try:
-                topic, wall, raw, header, message = self._queue.get_nowait()
-            except Empty:
-                break
+        while not self._queue.empty():
+            topic, wall, raw, header, message = self._queue.get()
             content = _raw(raw, header) if raw else message
             self._bag.write(topic, content, self._time(*divmod(wall, 10**9)), raw=bool(raw))
             if raw and message is not None:
@@ -216,10 +220,7 @@ class LogRecorder:
         where = self.listener.columns.indices(message.name) or []
         stamp = message.header.stamp.secs * 10**9 + message.header.stamp.nsecs
         self._first_stamp = stamp if self._first_stamp is None else self._first_stamp
-        since = stamp - self._first_stamp
-        self._texts["time"].write(
-            f"{since // 10**9}.{since % 10**9:09d}\n" if since >= 0 else f"{since * 1e-9:.9f}\n"
-        )
+        self._texts["time"].write(f"{(stamp - self._first_stamp) / 1e9:.9f}\n")
         for name, key in TEXTS.items():
             values = getattr(message, key) or [np.nan] * len(message.name)
             self._texts[name].write(" ".join(repr(float(values[i])) for i in where) + "\n")

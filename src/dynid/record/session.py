@@ -11,64 +11,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from dynid.drivers.command_port import CommandPort
-from dynid.drivers.joint_state import Sample
 from dynid.drivers.ros import Node, ping_master
-from dynid.errors import CannotWrite, DynidError, MasterSilent
+from dynid.errors import DynidError, MasterSilent
 from dynid.record import tuning
-from dynid.record.monitor import Monitor
+from dynid.record.monitor import Monitor, Outcome
 from dynid.record.playing import ReferenceMotion
-from dynid.record.recorder import Listener, LogRecorder, Tally
+from dynid.record.recorder import Listener, LogRecorder
 
-Poll = Callable[[float, Monitor], bool]
-
-
-@dataclass
-class Outcome:
-    """How a recording ended.
-
-    Attributes:
-        tally: what came in.
-        seconds: length of the motion that was played, or of listening [s].
-        commands: how many were sent.
-        skipped: periods without a command because the machine was late.
-        largest_lateness: of a command [s].
-        largest_deviation: between planned and measured position [rad or m].
-        largest_torque_share: of a rating.
-        failure: what ended it early; None when it ended as planned.
-        stop: what the driver answered to the stop; "" when it was not stopped.
-        stop_failure: why it could not be stopped.
-        still: whether the arm stood still afterwards; None when that was not seen.
-        notes: further sentences for a person.
-    """
-
-    tally: Tally = field(default_factory=Tally)
-    seconds: float = 0.0
-    commands: int = 0
-    skipped: int = 0
-    largest_lateness: float = 0.0
-    largest_deviation: float = 0.0
-    largest_torque_share: float = 0.0
-    failure: BaseException | None = None
-    stop: str = ""
-    stop_failure: str = ""
-    still: bool | None = None
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def verdict(self) -> str:
-        """One word or sentence for the manifest."""
-        if self.failure is None:
-            return "clean"
-        if isinstance(self.failure, KeyboardInterrupt):
-            return "stopped by the operator"
-        code = f"{self.failure.code}: " if isinstance(self.failure, DynidError) else ""
-        return f"aborted, {code}{self.failure}"
+#: Called about twenty times a second with what has come of the recording so far; True ends it.
+Poll = Callable[[Outcome], bool]
 
 
 def play(
@@ -85,43 +41,32 @@ def play(
         reference: the motion.
         max_deviation: distance from the plan at which it stops [rad or m].
         recorder: running.
-        poll: called about twenty times a second with the time of the motion; True stops it like the operator's key.
+        poll: True stops the motion like the operator's key.
     """
-    listener = recorder.listener
-    monitor = Monitor(port.robot, max_deviation)
-    stream = Stream(port, reference, monitor, lambda: listener.latest, recorder.command)
-    guard = MasterMonitor(port.node, stream.halt)
-    outcome = Outcome()
+    listener, outcome, over = recorder.listener, Outcome(), threading.Event()
+    monitor = Monitor(port.robot, max_deviation, outcome)
+    stream = Stream(port, reference, monitor, recorder)
+    words = (port.node, over, stream.halt)
+    guard = threading.Thread(target=_watch_master, args=words, name="master guard", daemon=True)
     with _signals(lambda: stream.halt(KeyboardInterrupt())):
         stream.start()
         guard.start()
         try:
-            _attend(stream, monitor, recorder, poll)
+            while stream.is_alive() and outcome.failure is None:
+                stream.join(tuning.GLANCE_S)
+                if recorder.failure is not None:
+                    stream.halt(recorder.failure)
+                elif poll(outcome):
+                    stream.halt(KeyboardInterrupt())
         except BaseException as error:  # noqa: BLE001 - the arm is stopped first
             stream.halt(error)
         stream.join(5 / port.rate + 1.0)
-        guard.end()
-        outcome.failure = stream.failure
+        over.set()
         if outcome.failure is not None:
             _stop(port, listener, outcome)
-    outcome.seconds, outcome.commands = stream.time, stream.commands
-    outcome.skipped = stream.skipped
-    outcome.largest_lateness = monitor.largest_lateness
-    outcome.largest_deviation = monitor.largest_deviation
-    outcome.largest_torque_share = monitor.largest_torque_share
     if outcome.failure is None:
         time.sleep(tuning.TAIL_S)
     return outcome
-
-
-def _attend(stream: Stream, monitor: Monitor, recorder: LogRecorder, poll: Poll) -> None:
-    """Wait for the end of the motion, looking at the recorder and for the operator's key."""
-    while stream.is_alive():
-        stream.join(tuning.GLANCE_S)
-        if recorder.failure is not None:
-            raise disk_error(recorder)
-        if poll(stream.time, monitor):
-            raise KeyboardInterrupt
 
 
 @contextmanager
@@ -142,16 +87,14 @@ def _signals(halt: Callable[[], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def listen_only(
-    recorder: LogRecorder, seconds: float | None, stale: float, poll: Callable[[float], bool]
-) -> Outcome:
+def listen_only(recorder: LogRecorder, seconds: float | None, stale: float, poll: Poll) -> Outcome:
     """Record while another program moves the arm, until a stop is requested.
 
     Args:
         recorder: running.
         seconds: how long; None until the operator's key or Ctrl-C.
         stale: silence after which it ends [s].
-        poll: called about twenty times a second; True ends it.
+        poll: True ends it.
     """
     ended, outcome, begin = threading.Event(), Outcome(), time.monotonic()
 
@@ -162,28 +105,19 @@ def listen_only(
     with _signals(ended.set):
         try:
             while not ended.wait(tuning.GLANCE_S):
-                passed = time.monotonic() - begin
-                over = seconds is not None and passed >= seconds
-                if over or poll(passed) or silence() > stale:
+                outcome.seconds = time.monotonic() - begin
+                over = seconds is not None and outcome.seconds >= seconds
+                if over or poll(outcome) or silence() > stale:
                     break
                 if recorder.failure is not None:
-                    raise disk_error(recorder)
+                    outcome.failure = recorder.failure
+                    break
         except BaseException as error:  # noqa: BLE001 - files are closed by the caller
             outcome.failure = error
     outcome.seconds = time.monotonic() - begin
     if (silence_s := silence()) > stale:
         outcome.notes.append(f"joint states ended {silence_s:.1f} s before the recording")
     return outcome
-
-
-def disk_error(recorder: LogRecorder) -> CannotWrite:
-    """Return the error of the catalogue for a recorder that cannot write."""
-    reason = recorder.failure.strerror if recorder.failure else "unknown"
-    return CannotWrite(
-        f"cannot write {recorder.bag_path}: {reason}; {recorder.written} messages are in it",
-        where=recorder.bag_path,
-        fix="make room, or record elsewhere with --out",
-    )
 
 
 def _stop(port: CommandPort, listener: Listener, outcome: Outcome) -> None:
@@ -219,8 +153,7 @@ class Stream(threading.Thread):
         port: the driver.
         reference: the motion.
         monitor: checks states and lateness, and stops the motion.
-        latest: returns the newest joint state.
-        sent: called with every command, as (topic, message).
+        recorder: hears the joint states, and keeps every command.
     """
 
     def __init__(
@@ -228,21 +161,16 @@ class Stream(threading.Thread):
         port: CommandPort,
         reference: ReferenceMotion,
         monitor: Monitor,
-        latest: Callable[[], Sample | None],
-        sent: Callable[[str, Any], None],
+        recorder: LogRecorder,
     ) -> None:
         super().__init__(name="stream", daemon=True)
         self.port, self.reference, self.monitor = port, reference, monitor
-        self.latest, self.sent = latest, sent
-        self.failure: BaseException | None = None
-        self.commands = 0
-        self.skipped = 0
-        self.time = 0.0
+        self.recorder, self.outcome = recorder, monitor.outcome
         self._stop_asked = threading.Event()
 
-    def halt(self, reason: BaseException | None = None) -> None:
+    def halt(self, reason: BaseException) -> None:
         """Stop publishing within a period; the first reason counts."""
-        self.failure = self.failure or reason
+        self.outcome.failure = self.outcome.failure or reason
         self._stop_asked.set()
 
     def run(self) -> None:
@@ -257,80 +185,63 @@ class Stream(threading.Thread):
         start, message = self.port.begin(self.reference.at, self.reference.duration)
         self._keep(message)
         k = 0
-        while not self._stop_asked.is_set() and k * period <= self.reference.duration:
-            now = self._wait(start + k * period)
-            if self._stop_asked.is_set():
+        while k * period <= self.reference.duration:
+            if self._stopped_before(start + k * period):
                 return
-            self.time = k * period
-            late = now - start - k * period
-            self.monitor.pace(late, self.time)
+            now = time.monotonic()
+            self.outcome.seconds = k * period
+            self.monitor.pace(now - start - k * period, k * period)
             self._step(now, start)
             following = max(k + 1, int((time.monotonic() - start) / period))
-            self.skipped += following - k - 1
+            self.outcome.skipped += following - k - 1
             k = following
         self._rest(start, k, period)
 
     def _step(self, now: float, start: float) -> None:
         """Judge the newest state, then send the command of this period."""
-        sample = self.latest()
+        sample = self.recorder.listener.latest
         assert sample is not None  # preflight has seen one
         planned = self.reference.at(sample.arrival - start)
         self.monitor.state(sample, planned.q, now, now - start)
         # Why: a driver that plays one command per period gets what that period needs, however late it is; others are
         # sent what comes after now.
-        when = self.time if self.port.slotted else now - start
+        when = self.outcome.seconds if self.port.slotted else now - start
         self._keep(self.port.send(self.reference.at(when + self.port.lead), sample.q))
 
     def _rest(self, start: float, k: int, period: float) -> None:
         """End with commands that keep the arm where the motion ends."""
         for extra in range(tuning.RESTING_COMMANDS):
-            self._wait(start + (k + extra) * period)
-            if self._stop_asked.is_set():
+            if self._stopped_before(start + (k + extra) * period):
                 return
             self._keep(self.port.at_rest(self.reference.motion.q[-1]))
         self.port.finish()
 
     def _keep(self, message: Any) -> None:  # noqa: ANN401
-        if message is None:
-            return
-        self.commands += 1
-        self.sent(self.port.command_topic, message)
+        if message is not None:
+            self.outcome.commands += 1
+            self.recorder.command(self.port.command_topic, message)
 
-    def _wait(self, deadline: float) -> float:
-        """Sleep until a deadline, or until asked to stop; return the time."""
-        left = deadline - time.monotonic()
-        if left > 0:
-            # Why: an event's wait is as exact as a sleep and ends at once when somebody presses the key.
-            self._stop_asked.wait(left)
-        return time.monotonic()
+    def _stopped_before(self, deadline: float) -> bool:
+        """Wait until a deadline, or until asked to stop; return whether that was so."""
+        # Why: an event's wait is as exact as a sleep and ends at once when somebody presses the key.
+        return self._stop_asked.wait(deadline - time.monotonic())
 
 
-class MasterMonitor(threading.Thread):
-    """Asks the master now and then whether it lives.
+def _watch_master(node: Node, over: threading.Event, halt: Callable[[BaseException], None]) -> None:
+    """Ask the master now and then whether it lives, until it is over.
 
     Why: connections outlive a dead master, but nothing new can be found or called any more; go no further then.
     """
-
-    def __init__(self, node: Node, halt: Callable[[BaseException], None]) -> None:
-        super().__init__(name="master guard", daemon=True)
-        self._node, self._halt, self._end = node, halt, threading.Event()
-
-    def end(self) -> None:
-        """Stop asking."""
-        self._end.set()
-
-    def run(self) -> None:
-        """Ask until the end is requested."""
-        missed = 0
-        while not self._end.wait(tuning.MASTER_INTERVAL_S):
-            try:
-                ping_master(self._node.uri, tuning.MASTER_PATIENCE_S)
-                missed = 0
-            except OSError:
-                missed += 1
-            if missed == 2:
-                text = f"the ROS master at {self._node.uri} died while the arm moved: stopped, log kept"
-                return self._halt(MasterSilent(text))
+    missed = 0
+    while missed < 2:
+        if over.wait(tuning.MASTER_INTERVAL_S):
+            return
+        try:
+            ping_master(node.uri, tuning.MASTER_PATIENCE_S)
+            missed = 0
+        except OSError:
+            missed += 1
+    halt(MasterSilent(f"the ROS master at {node.uri} died while the arm moved: stopped, log kept"))
 
 
 def facts(outcome: Outcome) -> dict[str, Any]:

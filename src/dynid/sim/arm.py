@@ -42,15 +42,13 @@ class Friction:
 
     def torque(self, qd: Floats) -> Floats:
         """Return the torque that drives need against friction, (..., n) [N m or N], at velocities [rad/s or m/s]."""
-        smooth_sign = np.tanh(np.divide(qd, self.velocity))
-        return np.asarray(
-            np.multiply(self.viscous, qd) + np.multiply(self.coulomb, smooth_sign) + self.offset
-        )
+        smooth_sign = np.tanh(qd / np.array(self.velocity))
+        return self.viscous * qd + self.coulomb * smooth_sign + self.offset
 
     def slope(self, qd: Floats) -> Floats:
         """Return the derivative of ``torque`` by the velocity, (..., n) [N m s/rad or N s/m]."""
-        steepness = 1 - np.tanh(np.divide(qd, self.velocity)) ** 2
-        return self.viscous + np.divide(self.coulomb, self.velocity) * steepness
+        velocity = np.array(self.velocity)
+        return self.viscous + self.coulomb / velocity * (1 - np.tanh(qd / velocity) ** 2)
 
 
 class SimulatedArm:
@@ -60,8 +58,10 @@ class SimulatedArm:
         robot: geometry and gravity.
         bodies: true body of each link in its DH frame; the prior of the robot file when None.
         friction: true friction; none when None.
-        rotor_inertia: reflected to the joint side, (n,) [kg m^2 or kg]; none when None.
+        rotor_inertia: reflected to the joint side, (n,) [kg m^2 or kg].
         dt: step of the physics [s].
+
+    Attributes:
         extra: further torque that the drives need, of time, positions and velocities: (float, (n,), (n,)) -> (n,).
 
     Raises:
@@ -73,9 +73,8 @@ class SimulatedArm:
         robot: Robot,
         bodies: Sequence[Body] | None = None,
         friction: Friction | None = None,
-        rotor_inertia: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | float = 0.0,
         dt: float = tuning.PHYSICS_STEP_S,
-        extra: Callable[[float, Floats, Floats], Floats] | None = None,
     ) -> None:
         try:
             import mujoco
@@ -93,9 +92,10 @@ class SimulatedArm:
         # Why another: questions about other states must not disturb the motion.
         self._asked = mujoco.MjData(self._arm)
         self._inertia = self._arm.dof_M0.copy()
-        self.robot, self.dt, self.time, self.extra = robot, dt, 0.0, extra
+        self.robot, self.dt, self.time = robot, dt, 0.0
+        self.extra: Callable[[float, Floats, Floats], Floats] = lambda t, q, qd: np.zeros_like(q)
         self.friction = friction or Friction.none(robot.n)
-        self.rotor_inertia = np.zeros(robot.n) + (0.0 if rotor_inertia is None else rotor_inertia)
+        self.rotor_inertia = np.zeros(robot.n) + rotor_inertia
 
     def reset(self, q: Floats, qd: Floats | float = 0.0) -> None:
         """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
@@ -120,11 +120,8 @@ class SimulatedArm:
         keeps the steep Coulomb part stable on light links.
         """
         q, qd = self.state()
-        drive = tau - self.friction.torque(qd)
-        if self.extra is not None:
-            drive = drive - self.extra(self.time, q, qd)
         more = self.rotor_inertia + self.dt * self.friction.slope(qd)
-        self._data.qfrc_applied = drive
+        self._data.qfrc_applied = tau - self.friction.torque(qd) - self.extra(self.time, q, qd)
         # Why both: MuJoCo takes dof_M0 of joints whose inertia never changes.
         self._arm.dof_armature, self._arm.dof_M0 = more, self._inertia + more
         self._mujoco.mj_step(self._arm, self._data)

@@ -121,13 +121,11 @@ class DriverLoop:
             self.dropped += 1
             return
         self._true = tau
-        noise = self.rng.normal(0.0, 1.0, len(tau)) * np.array(sensors.torque_noise)
+        noise = self.rng.normal(0.0, sensors.torque_noise)
         reading = tau + options.torque_offset - self._zero + noise
-        delay = options.latency
-        if options.jitter:
-            delay += abs(self.rng.normal(0.0, options.jitter))
+        delay = options.latency + abs(self.rng.normal(0.0, options.jitter))
         due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
-        speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * (sensors.velocity_noise or 0.0)
+        speed = qd + self.rng.normal(0.0, sensors.velocity_noise or 0.0, len(qd))
         q, reading = stepped(q, sensors.position_step), stepped(reading, options.torque_step)
         self._waiting.append((due, Measured(elapsed, q, speed, reading)))
 

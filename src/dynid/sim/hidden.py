@@ -53,10 +53,8 @@ PASSED_OVER = 15
 
 def _law(hidden: Hidden) -> Law:
     """Return the further torque at the joint by its position and velocity, step by step; none for sensor faults."""
-    size = hidden.size
-    if hidden.name == "spring":
-        return lambda q, v: size * q
-    return _ringing(size) if hidden.name == "knock" else lambda q, v: 0.0
+    laws: dict[str, Law] = {"spring": lambda q, v: hidden.size * q, "knock": _ringing(hidden.size)}
+    return laws.get(hidden.name, lambda q, v: 0.0)
 
 
 def _ringing(size: float) -> Law:

@@ -58,7 +58,7 @@ class Sensors:
         late = rng.normal(0.0, self.stamp_jitter, len(truth.t))
         jitter = np.clip(late, -0.45 * period, 0.45 * period)
         q, qd = stepped(truth.q, self.position_step), None
-        tau = truth.tau + rng.normal(0.0, 1.0, truth.tau.shape) * np.array(self.torque_noise)
+        tau = truth.tau + rng.normal(0.0, self.torque_noise, truth.tau.shape)
         if self.velocity_noise is not None:
             qd = truth.qd + rng.normal(0.0, self.velocity_noise, truth.qd.shape)
         return Log(truth.t + jitter, q, tau, names, qd, tau_unit="Nm", extra={"q_ref": truth.q_ref})

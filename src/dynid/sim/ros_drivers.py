@@ -26,7 +26,7 @@ from dynid.drivers.follow_joint_trajectory import (
     action_message,
 )
 from dynid.drivers.joint_state import Columns
-from dynid.drivers.kinova_gen2 import kinova_message, kinova_service
+from dynid.drivers.kinova_gen2 import GRAVITY, kinova_message, kinova_service
 from dynid.drivers.ros import Node, import_ros
 from dynid.sim import tuning
 from dynid.sim.driver_loop import DriverLoop, Measured
@@ -48,7 +48,6 @@ class SimulatedDriver(ABC):
         self.columns = Columns(self.robot)
         self._state = import_ros("sensor_msgs.msg").JointState
         self._began = time.time_ns()
-        self._monotonic = time.monotonic_ns()
         self._publisher = self.publisher(topic, self._state)
         self.connect()
 
@@ -72,9 +71,9 @@ class SimulatedDriver(ABC):
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state of a sample."""
 
-    def _joint_state(self, names: Sequence[str], stamp: int, *values: Floats) -> Any:  # noqa: ANN401
-        """Return the message of positions, velocities and efforts at a time [ns]."""
-        message = self._state()
+    def _joint_state(self, names: Sequence[str], elapsed: float, *values: Floats) -> Any:  # noqa: ANN401
+        """Return the message of positions, velocities and efforts at a time since the start [s]."""
+        message, stamp = self._state(), self._began + round(elapsed * 1e9)
         message.header.stamp.secs, message.header.stamp.nsecs = divmod(stamp, 10**9)
         message.name = list(names)
         # Unit: both arms send 32-bit numbers.
@@ -98,28 +97,26 @@ class SimulatedKinova(SimulatedDriver):
         self.namespace = self.topic.split("/out/")[0]
         prefix = self.columns.names[0].removesuffix("1")
         self._names = [*self.columns.names, *(prefix + finger for finger in self.FINGERS)]
-        node, loop = self.node, self.loop
-        gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
-        node.rospy.set_param(gravity, False)
-        self.subscribe(
-            f"{self.namespace}/in/joint_velocity", kinova_message("JointVelocity"), self._velocity
-        )
+        rospy = self.node.rospy
+        rospy.set_param(f"{self.namespace}/{GRAVITY}", False)
+        velocity = kinova_message("JointVelocity")
+        self.subscribe(f"{self.namespace}/in/joint_velocity", velocity, self._velocity)
         services: dict[str, tuple[Any, ...]] = {
             "start": ("Start", self.follower.start, "Arm started"),
             "stop": ("Stop", self.follower.stop, "Arm stopped"),
-            "set_zero_torques": ("ZeroTorques", loop.zero_torques),
+            "set_zero_torques": ("ZeroTorques", self.loop.zero_torques),
             "set_torque_control_mode": ("SetTorqueControlMode", lambda: None),
         }
-        for name, (kind, *what) in services.items():
-            answer = partial(self._serve, kind, *what)
-            node.rospy.Service(f"{self.namespace}/in/{name}", kinova_service(kind), answer)
+        for name, what in services.items():
+            answer, kind = partial(self._serve, *what), kinova_service(what[0])
+            rospy.Service(f"{self.namespace}/in/{name}", kind, answer)
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state with fingers; its stamp is wall time, taken before torques are polled."""
         fingers = np.zeros(len(self.FINGERS))
         q, qd, tau = self._driver_values(measured)
         values = (np.concatenate([part, fingers]) for part in (q, doubled(qd), tau))
-        return self._joint_state(self._names, self._began + round(measured.elapsed * 1e9), *values)
+        return self._joint_state(self._names, measured.elapsed, *values)
 
     def _velocity(self, command: Any) -> None:  # noqa: ANN401
         values = np.array([getattr(command, f"joint{i}") for i in range(1, self.robot.n + 1)])
@@ -143,15 +140,14 @@ class SimulatedController(SimulatedDriver):
     def connect(self) -> None:
         """Listen to trajectories."""
         self.namespace = self.topic.rsplit("/", 1)[0]
-        trajectory = import_ros("trajectory_msgs.msg").JointTrajectory
-        self.subscribe(
-            f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory
-        )
+        kind = import_ros("trajectory_msgs.msg").JointTrajectory
+        commands = f"{self.namespace}/joint_trajectory_controller/command"
+        self.subscribe(commands, kind, self._trajectory)
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state in chain order with wall time."""
-        stamp = self._began + round(measured.elapsed * 1e9)
-        return self._joint_state(self.columns.names, stamp, *self._driver_values(measured))
+        values = self._driver_values(measured)
+        return self._joint_state(self.columns.names, measured.elapsed, *values)
 
     def points(self, trajectory: Any) -> list[Point]:  # noqa: ANN401
         """Return DH position and velocity of each point, (n,) each, and its time from the start [s]."""
@@ -244,26 +240,22 @@ class SimulatedLwr(SimulatedController):
     def connect(self) -> None:
         """Listen to the software stop too."""
         super().connect()
+        self._began = time.monotonic_ns()
         self._order = np.argsort(self.columns.names)
         self._names = [self.columns.names[i] for i in self._order]
         self._before: tuple[float, Floats, Floats] | None = None
-        self.subscribe(
-            f"{self.namespace}/emergency_stop", import_ros("std_msgs.msg").Bool, self._stop
-        )
+        kind = import_ros("std_msgs.msg").Bool
+        self.subscribe(f"{self.namespace}/emergency_stop", kind, self._stop)
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state as hardware_interface's std::map orders it."""
         q, _, tau = self._driver_values(measured)
         qd = self._differentiated(measured.elapsed, q)
-        stamp = self._monotonic + round(measured.elapsed * 1e9)
-        return self._joint_state(
-            self._names, stamp, *(values[self._order] for values in (q, qd, tau))
-        )
+        values = (each[self._order] for each in (q, qd, tau))
+        return self._joint_state(self._names, measured.elapsed, *values)
 
     def _differentiated(self, elapsed: float, q: Floats) -> Floats:
-        if self._before is None:
-            self._before = (elapsed, q, np.zeros_like(q))
-        then, old, speed = self._before
+        then, old, speed = self._before or (elapsed, q, np.zeros_like(q))
         if elapsed > then:
             speed = speed + tuning.FRI_SMOOTHING * ((q - old) / (elapsed - then) - speed)
         self._before = (elapsed, q, speed)
@@ -275,9 +267,5 @@ class SimulatedLwr(SimulatedController):
 
 def simulated_driver(node: Node, loop: DriverLoop, topic: str) -> SimulatedDriver:
     """Return the simulation of the driver that the robot file names."""
-    kind = loop.robot.columns.kind
-    drivers = {
-        "kinova_gen2": SimulatedKinova,
-        "lwr4plus": SimulatedLwr,
-    }
-    return drivers.get(kind, SimulatedActionServer)(node, loop, topic)
+    drivers = {"kinova_gen2": SimulatedKinova, "lwr4plus": SimulatedLwr}
+    return drivers.get(loop.robot.columns.kind, SimulatedActionServer)(node, loop, topic)

@@ -12,7 +12,7 @@ from dynid.arrays import Floats
 from dynid.errors import LimitBroken
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
-from dynid.robot import Joint, Robot
+from dynid.robot import Robot
 from dynid.sim import tuning
 
 #: Values over time with their first two derivatives, (N,) each.
@@ -47,15 +47,23 @@ def sines(robot: Robot, spec: SineSpec, dt: float, rng: np.random.Generator) -> 
     Raises:
         LimitBroken: none of many tries stays above the floor.
     """
-    t = np.arange(0.0, spec.duration, dt)
+    t, coarse = np.arange(0.0, spec.duration, dt), max(1, round(0.05 / dt))
     window = _window(t, spec.duration)
+    turn, slide = tuning.FREE_TURN_RAD, tuning.FREE_SLIDE_M
+    lower, upper = robot.travel((-turn, turn), (-slide, slide))
+    allowed = (
+        spec.reach * (upper - lower) / 2,
+        spec.speed * robot.limits("velocity"),
+        spec.acceleration * robot.limits("acceleration"),
+    )
     for _ in range(tuning.RANDOM_MOTIONS):
         shapes = [_shape(t, window, spec.period, rng) for _ in robot.joints]
-        columns = [
-            _fitted(joint, shape, spec) for joint, shape in zip(robot.joints, shapes, strict=True)
-        ]
-        q, qd, qdd = (np.column_stack(parts) for parts in zip(*columns, strict=True))
-        coarse = max(1, round(0.05 / dt))
+        motion = [np.column_stack(parts) for parts in zip(*shapes, strict=True)]
+        # Each joint goes to the first limit that it meets, about the middle of its travel.
+        pairs = zip(allowed, motion, strict=True)
+        scale = np.min([limit / np.abs(part).max(axis=0) for limit, part in pairs], axis=0)
+        q, qd, qdd = (scale * part for part in motion)
+        q += (lower + upper) / 2
         if lowest_point(robot, q[::coarse]) > spec.floor:
             return Motion(t, q, qd, qdd)
     raise LimitBroken(
@@ -89,23 +97,6 @@ def _shape(t: Floats, window: Curve, period: float, rng: np.random.Generator) ->
     s, sd, sdd = sine @ size, cosine @ (size * omega), -sine @ (size * omega**2)
     w, wd, wdd = window
     return w * s, wd * s + w * sd, wdd * s + 2 * wd * sd + w * sdd
-
-
-def _fitted(joint: Joint, shape: Curve, spec: SineSpec) -> Curve:
-    """Scale a shape to the first limit it meets, about the middle of the joint's travel."""
-    limits = joint.limits
-    free = tuning.FREE_TURN_RAD if joint.revolute else tuning.FREE_SLIDE_M
-    lower, upper = limits.position or (-free, free)
-    allowed = (
-        spec.reach * (upper - lower) / 2,
-        spec.speed * (limits.velocity or math.inf),
-        spec.acceleration * (limits.acceleration or math.inf),
-    )
-    scale = min(
-        limit / float(np.abs(part).max()) for limit, part in zip(allowed, shape, strict=True)
-    )
-    q, qd, qdd = (scale * part for part in shape)
-    return q + (lower + upper) / 2, qd, qdd
 
 
 def lowest_point(robot: Robot, q: Floats) -> float:

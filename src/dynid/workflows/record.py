@@ -22,11 +22,10 @@ from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.motion import Motion
 from dynid.progress import advance, notice, stage
 from dynid.record import manifest, motion_checks, playing, preflight, session, tuning
-from dynid.record.monitor import Monitor
+from dynid.record.monitor import Outcome
 from dynid.record.motion_checks import Forecast, TorqueForecaster
 from dynid.record.preflight import ObservedState, at_candle, check_place
 from dynid.record.recorder import Listener, LogRecorder
-from dynid.record.session import Outcome
 from dynid.robot import Robot
 from dynid.text import shell
 from dynid.trajectory.feasible import unsafe_to_play
@@ -185,11 +184,8 @@ def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedS
     """Listen to the driver and judge its numbers."""
     robot = run.robot
     seen = preflight.listen(listener, robot, run.options.timeout)
-    used = (
-        f"{len(seen.names)} names, {robot.n} used"
-        if len(seen.names) != robot.n
-        else f"{robot.n} names"
-    )
+    heard = len(listener.names)
+    used = f"{heard} names, {robot.n} used" if heard != robot.n else f"{robot.n} names"
     stage("", f"{listener.topic}  {used}, {seen.rate:.1f} Hz")
     preflight.check_units(seen, robot)
     if not run.options.zero_torques:
@@ -329,8 +325,9 @@ def _moved(
     def play(recorder: LogRecorder) -> Outcome:
         stage("moving")
 
-        def poll(time: float, monitor: Monitor) -> bool:
-            advance(time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad")
+        def poll(outcome: Outcome) -> bool:
+            error = f"largest error {outcome.largest_deviation:.3f} rad"
+            advance(outcome.seconds, reference.duration, error)
             return run.operator.stop_pressed()
 
         return session.play(port, reference, run.options.max_deviation, recorder, poll)
@@ -376,8 +373,8 @@ def _written(
         # Why: a full disk must not hide what happened to the arm.
         outcome.notes.append(f"{error.what}; the manifest still says 'running'")
     failure = outcome.failure
-    if failure is None and recorder.failure is not None:
-        failure = session.disk_error(recorder)
+    if failure is None:
+        failure = recorder.failure
     return Recording(run.robot, run.options, forecast, outcome, (bag, texts, path), failure)
 
 

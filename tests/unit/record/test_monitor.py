@@ -17,8 +17,8 @@ def seen(arrival, q=STILL, tau=STILL):
 def test_a_good_state_passes_and_is_remembered():
     monitor = Monitor(ARM)
     monitor.state(seen(10.0, q=np.full(7, 0.1), tau=np.full(7, 3.8)), STILL, 10.1, 1.0)
-    assert monitor.largest_deviation == pytest.approx(0.1)
-    assert monitor.largest_torque_share == pytest.approx(0.1)
+    assert monitor.outcome.largest_deviation == pytest.approx(0.1)
+    assert monitor.outcome.largest_torque_share == pytest.approx(0.1)
 
 
 def test_an_old_state_stops():
@@ -51,4 +51,4 @@ def test_a_late_command_stops():
     monitor.pace(0.02, 1.0)
     with pytest.raises(PacingLate):
         monitor.pace(0.11, 1.0)
-    assert monitor.largest_lateness == pytest.approx(0.11)
+    assert monitor.outcome.largest_lateness == pytest.approx(0.11)

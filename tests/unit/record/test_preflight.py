@@ -20,9 +20,9 @@ def off(size):
 
 @pytest.mark.parametrize(("q", "moved"), [(off(0.06), 0.0), (off(np.nan), 0.0), (STILL, 0.03)])
 def test_a_motion_begins_at_its_first_pose_with_an_arm_at_rest(q, moved):
-    check_start(ObservedState(off(0.04), STILL, 100.0, 0.01, ()), ARM, REST)
+    check_start(ObservedState(off(0.04), STILL, 100.0, 0.01), ARM, REST)
     with pytest.raises(StartPoseOff):
-        check_start(ObservedState(q, STILL, 100.0, moved, ()), ARM, REST)
+        check_start(ObservedState(q, STILL, 100.0, moved), ARM, REST)
 
 
 def test_an_arm_that_was_moved_or_fell_silent_while_a_person_was_asked_is_not_commanded():
