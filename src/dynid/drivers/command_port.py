@@ -111,10 +111,8 @@ class CommandPort(ABC):
 
     def parameters(self) -> dict[str, Any]:
         """Return what the driver's parameters say about the numbers it publishes."""
-        if not self.namespace or not self.node.master().hasParam(self.namespace):
-            return {}
-        values = self.node.master().getParam(self.namespace)
-        return values if isinstance(values, dict) else {"value": values}
+        values = self.node.parameter(self.namespace) if self.namespace else {}
+        return values if isinstance(values, dict) else {}
 
     def gravity_removed(self) -> bool | None:
         """Return whether the driver says that its torques lack gravity; None when it does not say."""
@@ -142,7 +140,7 @@ class CommandPort(ABC):
 
     def missing(self) -> list[str]:
         """Return which of them the master does not know; nothing is sent."""
-        _, subscribed, offered = self.node.master().getSystemState()
+        _, subscribed, offered = self.node.ask("getSystemState")
         known = {f"topic {name}" for name, _ in subscribed} | {f"service {x}" for x, _ in offered}
         return [each for each in self.endpoints() if each not in known]
 

@@ -196,11 +196,11 @@ class FollowJointTrajectoryPort(CommandPort):
 
     def ready(self) -> None:
         """Connect to goal and cancel, and wait for the server's status, which it publishes without a goal too."""
-        rospy = self.node.rospy
         super().ready()
         heard = {"status": (STATUS, self._status), "result": (RESULT, self._result)}
         for name, (kind, callback) in heard.items():
-            rospy.Subscriber(self._topic(name), action_message(kind), callback, tcp_nodelay=True)
+            topic, kind = self._topic(name), action_message(kind)
+            self.node.rospy.Subscriber(topic, kind, callback, tcp_nodelay=True)
         self._cancel = self.connected(self._topic("cancel"), action_message(CANCEL))
         if not self._alive.wait(CONNECT_PATIENCE):
             raise TopicSilent(

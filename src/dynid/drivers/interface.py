@@ -67,8 +67,8 @@ class Driver:
         streamed = JointTrajectoryPort(node, robot, state_topic)
         if not moving:
             return streamed
-        _, subscribed, _ = node.master().getSystemState()
-        types, heard = dict(node.master().getTopicTypes()), {name for name, _ in subscribed}
+        _, subscribed, _ = node.ask("getSystemState")
+        types, heard = dict(node.ask("getTopicTypes")), {name for name, _ in subscribed}
         topic, goals = choose_commands(types, heard, command_topic, streamed.command_topic)
         return (FollowJointTrajectoryPort if goals else JointTrajectoryPort)(
             node, robot, state_topic, topic

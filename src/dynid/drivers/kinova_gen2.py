@@ -61,10 +61,9 @@ class KinovaGen2Port(CommandPort):
         wanted = np.clip(target.qd + DRIFT_GAIN * (target.q - measured), -fastest, fastest)
         # Why: after a late period the plan has moved on by two; the arm gets there at the acceleration it can bear.
         step = SLEW_SHARE * hardest / self.rate
-        speed = self._speed + np.clip(wanted - self._speed, -step, step)
-        self._speed = speed
+        self._speed = self._speed + np.clip(wanted - self._speed, -step, step)
         # Unit: degrees, whatever unit the joint states have.
-        values = np.degrees(speed * self.columns.sign).tolist()
+        values = np.degrees(self._speed * self.columns.sign).tolist()
         return self.command_type()(*values, *[0.0] * (7 - len(values)))
 
     def endpoints(self) -> list[str]:
@@ -92,8 +91,8 @@ class KinovaGen2Port(CommandPort):
 
     def gravity_removed(self) -> bool | None:
         """Return the driver's parameter publish_torque_with_gravity_compensation."""
-        name, master = f"{self.namespace}/{GRAVITY}", self.node.master()
-        return bool(master.getParam(name)) if master.hasParam(name) else None
+        removed = self.node.parameter(f"{self.namespace}/{GRAVITY}")
+        return None if removed is None else bool(removed)
 
     def zero_torques(self) -> None:
         """Call ``in/set_zero_torques``."""

@@ -28,16 +28,15 @@ class Lwr4PlusPort(JointTrajectoryPort):
     def ready(self) -> None:
         """Connect to the controller and to the stop, and release a stop that is still pressed."""
         super().ready()
-        self._bool = import_ros("std_msgs.msg").Bool
-        self._stop = self.connected(self.stop_topic, self._bool)
-        self._stop.publish(self._bool(False))
+        self._stop = self.connected(self.stop_topic, import_ros("std_msgs.msg").Bool)
+        self._stop.publish(False)
         time.sleep(0.1)
 
     def stop(self) -> str:
         """Press the software stop: the controllers are reset and the arm holds until it is released."""
         self.require_listener(self._stop)
         for _ in range(3):
-            self._stop.publish(self._bool(True))
+            self._stop.publish(True)
             time.sleep(0.02)
         # Why: a topic is not answered; that the connection outlived three messages is all that can be known.
         self.require_listener(self._stop)

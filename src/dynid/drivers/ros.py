@@ -160,32 +160,27 @@ class Node:
     rospy: Any
     uri: str
 
-    def master(self) -> Any:  # noqa: ANN401
-        """Return a master proxy whose every call has a limit."""
-        return _Limited(import_ros("rosgraph").Master(self.rospy.get_name()), self.uri)
+    def ask(self, question: str, *words: str) -> Any:  # noqa: ANN401
+        """Return what the master answers to a question such as ``"getSystemState"``.
+
+        Raises:
+            MasterSilent: it does not within a limit.
+        """
+        master = import_ros("rosgraph").Master(self.rospy.get_name())
+        try:
+            return within(PATIENCE, lambda: getattr(master, question)(*words))
+        except OSError as error:
+            text = f"the ROS master at {self.uri} no longer answers ({error})"
+            raise MasterSilent(text) from error
+
+    def parameter(self, name: str) -> Any:  # noqa: ANN401
+        """Return a parameter; None where the master has none of that name."""
+        return self.ask("getParam", name) if self.ask("hasParam", name) else None
 
     def close(self) -> None:
         """Leave the graph; a master that died meanwhile is not waited for."""
         with suppress(TimeoutError):
             within(PATIENCE, lambda: self.rospy.signal_shutdown("done"))
-
-
-class _Limited:
-    """A proxy whose calls end within a limit and raise an error of the catalogue."""
-
-    def __init__(self, inner: Any, uri: str) -> None:  # noqa: ANN401
-        self._inner, self._uri = inner, uri
-
-    def __getattr__(self, name: str) -> Callable[..., Any]:
-        def call(*args: Any) -> Any:  # noqa: ANN401
-            try:
-                return within(PATIENCE, lambda: getattr(self._inner, name)(*args))
-            except OSError as error:
-                raise MasterSilent(
-                    f"the ROS master at {self._uri} no longer answers ({error})"
-                ) from error
-
-        return call
 
 
 def connect(name: str, given: str | None = None, patience: float = PATIENCE) -> Node:

@@ -56,5 +56,5 @@ def now() -> str:
 
 
 def _parameter(node: Node, name: str) -> str | None:
-    master = node.master()
-    return str(master.getParam(name)).strip() if master.hasParam(name) else None
+    value = node.parameter(name)
+    return None if value is None else str(value).strip()

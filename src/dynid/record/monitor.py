@@ -100,7 +100,7 @@ class Monitor:
             TrackingLost: the arm is not where it should be.
             TorqueHigh: a torque is near the rating.
         """
-        age = now - sample.arrival
+        age, outcome = now - sample.arrival, self.outcome
         if age > tuning.STOP_STALE_S:
             raise StateStale(
                 f"no joint state for {age:.2f} s (limit {tuning.STOP_STALE_S:g}): stopped at t = {time:.1f} s"
@@ -108,26 +108,18 @@ class Monitor:
         if sample.arrival == self._last_checked:
             return
         self._last_checked = sample.arrival
-        self._tracking(sample, planned, time)
-        self._torque(sample, time)
-
-    def _tracking(self, sample: Sample, planned: Floats, time: float) -> None:
         error = np.abs(sample.q - planned)
         worst = int(np.nanargmax(error)) if np.isfinite(error).any() else 0
-        self.outcome.largest_deviation = max(self.outcome.largest_deviation, float(error[worst]))
+        outcome.largest_deviation = max(outcome.largest_deviation, float(error[worst]))
         if not error[worst] <= self.max_deviation:
             unit = "rad" if self.robot.joints[worst].revolute else "m"
             raise TrackingLost(
                 f"{self.robot.joint_names[worst]} is {error[worst]:.2f} {unit} from where it should be "
                 f"(limit {self.max_deviation:g}): stopped at t = {time:.1f} s, log kept"
             )
-
-    def _torque(self, sample: Sample, time: float) -> None:
         share = np.abs(sample.tau) / self.robot.limits("torque")
         worst = int(share.argmax())
-        self.outcome.largest_torque_share = max(
-            self.outcome.largest_torque_share, float(share[worst])
-        )
+        outcome.largest_torque_share = max(outcome.largest_torque_share, float(share[worst]))
         self._high = self._high + 1 if share[worst] > tuning.STOP_TORQUE_SHARE else 0
         if self._high >= tuning.STOP_TORQUE_STATES:
             raise TorqueHigh(

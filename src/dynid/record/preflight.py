@@ -61,7 +61,7 @@ def find_topic(node: Node, robot: Robot, asked: str | None) -> str:
         TopicSilent: nobody publishes joint states.
         TopicMissing: the topic that was asked for is not there.
     """
-    published = node.master().getPublishedTopics("")
+    published = node.ask("getPublishedTopics", "")
     topics = {name: kind for name, kind in published if not name.startswith("/rosout")}
     if not topics:
         text = f"no node publishes anything at {node.uri}"
@@ -275,7 +275,7 @@ def check_endpoints(port: CommandPort) -> None:
 
 def listener_of(node: Node, robot: Robot, topic: str) -> Listener:
     """Return a listener on the joint states and on the driver's other topics that belong to the record."""
-    published = {name for name, _ in node.master().getPublishedTopics("")}
+    published = {name for name, _ in node.ask("getPublishedTopics", "")}
     neighbours = [f"{topic.rsplit('/', 1)[0]}/{name}" for name in STATE_TOPICS]
     extra = [name for name in neighbours if name in published and name != topic]
     return Listener(node, Columns(robot), topic, extra)

@@ -55,9 +55,7 @@ class Tally:
 
     def add(self, arrival: float, seq: int, publisher: str) -> None:
         """Count a message."""
-        before = self._seq.get(publisher)
-        if before is not None and seq > before:
-            self.lost += seq - before - 1
+        self.lost += max(0, seq - self._seq.get(publisher, seq) - 1)
         self._seq[publisher] = seq
         if self.messages:
             self.longest_gap = max(self.longest_gap, arrival - self.last)

@@ -350,11 +350,11 @@ def check_zero(log: Log, robot: Robot) -> Iterator[Finding]:
 
     Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
     """
-    sensors, poses = ("joint_sensor", "unknown", "gravity_free"), rest_slices(log, robot)
-    if robot.torque.source not in sensors or log.tau_unit == "A" or not poses:
+    source, poses = robot.torque.source, rest_slices(log, robot)
+    if source.startswith("motor") or log.tau_unit == "A" or not poses:
         return
     q, tau = (np.array([x[part].mean(axis=0) for part in poses]) for x in (log.q, log.tau))
-    load = np.abs(expected_torque(q, robot)) * (robot.torque.source != "gravity_free")
+    load = np.abs(expected_torque(q, robot)) if source != "gravity_free" else np.zeros_like(q)
     unloaded = load <= tuning.UNLOADED * max(load.max(), 1e-9)
     most = tuning.ZERO_SHARE * robot.limits("torque")
     for j, joint in enumerate(robot.joints):

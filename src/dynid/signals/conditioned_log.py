@@ -378,10 +378,10 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
     Returns:
         The logs, and in how many parts they are; 0 where they are whole.
     """
-    every = [(s, log.filter) for log in logs for s in log.segments]
-    long = sum(len(s) / chosen.rate * chosen.first_step for s, chosen in every)
+    every = [segment for log in logs for segment in log.segments]
+    long = sum(segment.t[-1] - segment.t[0] for segment in every)
     # Why rows too: a recording at a low rate is long in time alone.
-    share = max(seconds / long, tuning.KEPT_SAMPLES / sum(len(s) for s, _ in every))
+    share = max(seconds / long, tuning.KEPT_SAMPLES / sum(map(len, every)))
     if share >= 1.0:
         return list(logs), 0
     found = []

@@ -115,12 +115,9 @@ def sampled(t: Floats, q: Floats) -> Floats:
         t: time, (N,) [s].
         q: positions, (N, n) [rad or m].
     """
-    pauses = np.flatnonzero(np.diff(t) > tuning.MOTION_PAUSE_S)
-    lost = np.concatenate([[0.0], np.cumsum(t[pauses + 1] - t[pauses] - tuning.MOTION_PAUSE_S)])
-    ends = t[pauses + 1] - lost[1:]
-    grid = np.arange(t[0], t[-1] - lost[-1], 1.0 / tuning.MOTION_HZ)
-    times = grid + lost[np.searchsorted(ends, grid, side="right")]
-    return np.column_stack([np.interp(times, t, column) for column in q.T])
+    clock = np.append(0.0, np.cumsum(np.minimum(np.diff(t), tuning.MOTION_PAUSE_S)))
+    grid = np.arange(0.0, clock[-1], 1.0 / tuning.MOTION_HZ)
+    return np.column_stack([np.interp(grid, clock, column) for column in q.T])
 
 
 def same_motion(one: Floats, other: Floats) -> bool:
@@ -138,7 +135,7 @@ def same_motion(one: Floats, other: Floats) -> bool:
     middle = one[:, moving].mean(axis=0)
     a, b = ((x[:, moving] - middle) / reach[moving] for x in (one, other))
     _, squares, count = squares_apart(a, b)
-    enough = count >= max(2, int(np.ceil(tuning.SAME_OVERLAP * min(len(a), len(b)))))
+    enough = count >= max(2.0, tuning.SAME_OVERLAP * min(len(a), len(b)))
     alike = squares < tuning.SAME_MOTION**2 * count[:, None]
     return bool(np.any(enough & alike.all(axis=1)))
 

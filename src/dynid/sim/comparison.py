@@ -90,10 +90,13 @@ class SimulatorGap(Answered):
 
     def save(self, path: Path) -> Path:
         """Write it as a file that ``load`` reads and the report shows."""
-        header = {key: getattr(self, key) for key in ("log", "engine", "models")}
-        header["joints"] = self.robot.joint_names
-        arrays = {key: getattr(self, key) for key in ARRAYS}
-        write_artifact(path, SCHEMA, header, arrays)
+        header = {
+            "log": self.log,
+            "engine": self.engine,
+            "models": self.models,
+            "joints": self.robot.joint_names,
+        }
+        write_artifact(path, SCHEMA, header, {key: getattr(self, key) for key in ARRAYS})
         return path
 
     @classmethod
@@ -105,13 +108,11 @@ class SimulatorGap(Answered):
             JointCountDiffers: it is of another arm.
         """
         artifact = read_artifact(path, SCHEMA)
+        header = artifact.header
         with reading(path):
-            joints, log, engine, models = (
-                artifact.header[key] for key in ("joints", "log", "engine", "models")
-            )
+            robot.require_joints(header["joints"], path)
             arrays = [artifact.arrays[key] for key in ARRAYS]
-        robot.require_joints(joints, path)
-        return cls(robot, log, engine, tuple(models), *arrays)
+            return cls(robot, header["log"], header["engine"], tuple(header["models"]), *arrays)
 
     def answer(self) -> Answer:
         """Return the answer and the table."""

@@ -82,8 +82,11 @@ class DriverLoop:
 
     def facts(self) -> dict[str, float]:
         """Return what was sent, for JSON."""
-        counts = {"published": self.published, "dropped": self.dropped}
-        return {**counts, "largest_delay_s": self.largest_delay}
+        return {
+            "published": self.published,
+            "dropped": self.dropped,
+            "largest_delay_s": self.largest_delay,
+        }
 
     def zero_torques(self) -> None:
         """Make the sensors read zero where the arm stands."""
@@ -121,8 +124,8 @@ class DriverLoop:
             self.dropped += 1
             return
         self._true = tau
-        noise = self.rng.normal(0.0, sensors.torque_noise)
-        reading = tau + options.torque_offset - self._zero + noise
+        reading = tau + options.torque_offset - self._zero
+        reading = reading + self.rng.normal(0.0, sensors.torque_noise)
         delay = options.latency + abs(self.rng.normal(0.0, options.jitter))
         due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
         speed = qd + self.rng.normal(0.0, sensors.velocity_noise or 0.0, len(qd))

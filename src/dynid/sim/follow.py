@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -37,10 +36,6 @@ class Follower(ABC):
         self.dt, self.stopped = dt, False
         self.goal, self.speed = q.copy(), np.zeros_like(q)
         self._q, self._qd = q.copy(), np.zeros_like(q)
-
-    @abstractmethod
-    def push(self, command: Any) -> None:  # noqa: ANN401
-        """Receive a command; a stopped arm ignores it."""
 
     @abstractmethod
     def move(self) -> None:
