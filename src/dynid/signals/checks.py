@@ -101,7 +101,7 @@ def prepare(
         moved = unwrapped(to_dh(log, robot), robot)
         # Why first: poses without the motion between them are as fast as degrees.
         check_rate(moved, robot)
-        check_degrees(log, robot)
+        check_degrees(log, moved, robot)
         flat, flat_findings = clipped_samples(log, robot, gone)
         log = with_even_clock(moved)
         check_order(log, robot)
@@ -188,23 +188,27 @@ def _exclude_options(t: Floats) -> str:
     )
 
 
-def check_degrees(log: Log, robot: Robot) -> None:
-    """Raise when positions [declared rad] break the limits but would keep them as degrees; needs increasing time.
+def check_degrees(log: Log, moved: Log, robot: Robot) -> None:
+    """Raise when positions [declared rad] break the limits but would keep them as degrees.
 
     Why: joints without position limits are judged by their speed limit.
+
+    Args:
+        log: in SI units, with increasing time.
+        moved: the same in DH quantities, without jumps by full turns.
+        robot: its robot.
 
     Raises:
         PositionInDegrees: with the line for the robot file.
     """
     if units(log, robot)["position"] != "rad":
         return
-    given = to_dh(log, robot)
-    v = speed(given)
+    v = speed(moved)
     for j in np.flatnonzero(robot.turning).tolist():
         joint, limits, fits, text = robot.joints[j], robot.joints[j].limits, False, ""
         if limits.position is not None:
             low, high = limits.position
-            if _span(given.q[:, j]) > tuning.BEYOND_RANGE * (high - low):
+            if np.ptp(moved.q[:, j]) > tuning.BEYOND_RANGE * (high - low):
                 q = to_dh(replace(log, q=np.radians(log.q)), robot).q[:, j]
                 fits = beyond(joint, q.min(), q.max()) < 0.05 * (high - low)
             around = f"+-{high:.2f}" if np.isclose(-low, high) else f"{low:.2f} to {high:.2f}"
@@ -216,20 +220,12 @@ def check_degrees(log: Log, robot: Robot) -> None:
             text = f"the speed limit is {limits.velocity:.2f} rad/s"
         if fits:
             declared = {"position": "deg"}
-            if 0.5 < slopes(given, robot)[j] < 1.5:
+            if 0.5 < slopes(moved, robot)[j] < 1.5:
                 declared["velocity"] = "deg/s"
             raise PositionInDegrees(
                 f"{joint.name} position spans {np.ptp(log.q[:, j]):.1f}: degrees? {text}",
                 fix=unit_fix(robot, declared),
             )
-
-
-def _span(q: Floats) -> float:
-    """Return the range of a joint; one that is read modulo a full turn jumps now and then, degrees all the time."""
-    turns = _full_turns(q)
-    if np.count_nonzero(turns) < tuning.RARE_TURNS * (len(q) - 1):
-        q = q - 2 * np.pi * np.cumsum(turns)
-    return float(np.ptp(q))
 
 
 def unit_fix(robot: Robot, given: dict[str, str]) -> str:

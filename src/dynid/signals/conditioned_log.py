@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Floats, Mask
-from dynid.errors import Finding, located
+from dynid.errors import Finding, LogTooShort, located
 from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
@@ -37,7 +37,6 @@ from dynid.signals.filters import (
     decimate,
     despiked,
     lowpass_kernel,
-    too_short,
     under,
     velocity_kernel,
 )
@@ -107,9 +106,9 @@ def condition(log: Log, chosen: Filter) -> list[Segment]:
         q, qd, qdd = filtered(part.q, kernels)
         if chosen.measured_velocity and part.qd is not None:
             qd, qdd = filtered(part.qd, kernels[:2])
-        clipped, command = part.extra.get("clipped"), part.extra.get("q_ref")
+        clipped, command = part.extra.get("clipped", np.zeros(0)), part.extra.get("q_ref")
         usable = np.ones(q.shape, dtype=bool)
-        if clipped is not None and clipped.any():
+        if clipped.any():
             usable = filtered(clipped, np.ones_like(kernels[:1]))[0] < 0.5
         centres, none = half + step * np.arange(len(q)), np.empty((len(q), 0))
         raw_qd = 0.5 * chosen.rate * (part.q[centres + 1] - part.q[centres - 1])
@@ -153,8 +152,13 @@ def _parts(log: Log, chosen: Filter) -> list[Log]:
             columns = {key: resampled(part.t, x, times) for key, x in columns.items()}
         parts.append(part.with_columns(columns, t=times))
     if not parts:
-        what = f"the longest part without a gap has {max(map(len, every)) * step:.2f} s"
-        raise too_short(log, what, chosen.cutoff, needed * step)
+        longest = max(map(len, every)) * step
+        raise LogTooShort(
+            f"the longest part without a gap has {longest:.2f} s; "
+            f"the filters at {chosen.cutoff:.3g} Hz need {needed * step:.2f} s",
+            where=str(log.source or ""),
+            fix="record a longer motion, or raise --cutoff",
+        )
     return parts
 
 

@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from dynid.arrays import Floats
 from dynid.drivers.interface import driver_of
-from dynid.errors import Finding, LogTooShort, RateTooLow
+from dynid.errors import Finding, RateTooLow
 from dynid.log import Log
 from dynid.robot import Coulomb, Robot
 from dynid.signals import tuning
@@ -353,26 +353,11 @@ def choose_filter(log: Log, cutoff: float, *, measured_velocity: bool = False) -
         log: a prepared log.
         cutoff: cut-off of the parallel filter [Hz], such as that of ``choose_cutoff``.
         measured_velocity: whether the velocities of the driver are taken where there are any.
-
-    Raises:
-        LogTooShort: the filters are longer than the log.
     """
     cutoff = min(cutoff, 0.45 * log.rate)
-    kernel = tuning.KAISER_TAPS / cutoff
-    if kernel > log.duration:
-        raise too_short(log, f"the log has {log.duration:.2f} s", cutoff, kernel)
     rate = grid_rate(log.t)
     # How much both filters together thin a log, and the first one at most.
     both = max(1, int(rate / (tuning.KEPT_PER_CUTOFF * cutoff)))
     most = max(1, int(rate / (tuning.EVALUATED_PER_CUTOFF * cutoff)))
     first = max(k for k in range(1, most + 1) if both <= tuning.KEPT_MORE * k * (both // k))
     return Filter(rate, cutoff, first, both // first, measured_velocity)
-
-
-def too_short(log: Log, what: str, cutoff: float, needed: float) -> LogTooShort:
-    """Return the error of a log that is shorter than its filters [Hz, s]."""
-    return LogTooShort(
-        f"{what}; the filters at {cutoff:.3g} Hz need {needed:.2f} s",
-        where=str(log.source or ""),
-        fix="record a longer motion, or raise --cutoff",
-    )

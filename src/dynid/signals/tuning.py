@@ -84,8 +84,6 @@ BEYOND_SPEED = 3.0
 BEYOND_RATING = 3.0
 #: A jump by a full turn is recognised when what is left of it is below this [rad]. Evidence: none yet.
 TURN_REST = 0.5
-#: Share of steps below which jumps by full turns are taken for what they are. Evidence: none yet.
-RARE_TURNS = 0.01
 #: So many equal samples in a row at the largest value are a flat top: a motion passes its peak in one or two.
 FLAT_RUN = 5
 #: At a flat top the largest value is this many times as frequent as the next one; at a quantised peak 1.4 times.
