@@ -33,7 +33,11 @@ def write_log(log: Log, path: Path) -> Path:
             f"'{path.name}' does not say what to write: .npz, .csv",
             fix="name a file like log.npz; rosbags-convert writes bags",
         )
-    columns = log.named_columns()
+    return write_columns(path, log.named_columns())
+
+
+def write_columns(path: Path, columns: Mapping[str, Floats]) -> Path:
+    """Write a table of numbers, (N,) each, by the names of its columns."""
     with written_whole(path) as stream:
         stream.write(",".join(map(column, columns)).encode() + b"\n")
         for row in zip(*(values.tolist() for values in columns.values()), strict=True):

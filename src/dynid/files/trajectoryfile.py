@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.disk import write_text, written_whole
+from dynid.disk import write_text
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, reading
+from dynid.files.convert import write_columns
 from dynid.motion import Motion
 from dynid.npz import write_artifact
 from dynid.robot import Robot
-from dynid.text import column, yaml_word
+from dynid.text import yaml_word
 
 SCHEMA = "dynid/trajectory/1"
 
@@ -162,11 +163,11 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
 
 def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
     """Write a motion as CSV in DH quantities, with the columns of a CSV log and ``qdd_<name>``."""
-    header = ["t", *(column(f"{kind}_{name}") for kind in ("q", "qd", "qdd") for name in joints)]
-    table = np.column_stack([*vars(motion).values()])
-    with written_whole(path) as stream:
-        stream.write((",".join(header) + "\n").encode())
-        np.savetxt(stream, table, fmt="%.9g", delimiter=",")
+    columns = {"t": motion.t}
+    for kind in ("q", "qd", "qdd"):
+        parts = zip(joints, getattr(motion, kind).T, strict=True)
+        columns |= {f"{kind}_{name}": values for name, values in parts}
+    write_columns(path, columns)
 
 
 #: How ROS 1 and ROS 2 spell the head of a message and a duration.

@@ -80,14 +80,14 @@ class Unseen:
     log: str = ""
 
     @property
-    def surprise(self) -> float | None:
-        """Error over the expected one; None where none was expected."""
-        return self.percent / self.expected if self.expected else None
+    def surprise(self) -> float:
+        """Error over the expected one; 0 where none was expected."""
+        return self.percent / self.expected if self.expected else 0.0
 
     @property
     def changed(self) -> bool:
         """Whether a trained motion is predicted so much worse than expected that the arm is another one there."""
-        return self.same_motion and (self.surprise or 0.0) > tuning.EXPECTED[0]
+        return self.same_motion and self.surprise > tuning.EXPECTED[0]
 
 
 @dataclass(frozen=True)
@@ -341,7 +341,7 @@ def unseen_state(unseen: Unseen, evidence: Evidence) -> str:
     # What was held out is predicted by a model of the rest alone, a replay by the one that is judged.
     if not unseen.replayed and any(u.replayed and not u.same_motion for u in evidence.unseen):
         return "fair"
-    worse = unseen.percent > tuning.UNSEEN_FAIR or (unseen.surprise or 0.0) > tuning.EXPECTED[1]
+    worse = unseen.percent > tuning.UNSEEN_FAIR or unseen.surprise > tuning.EXPECTED[1]
     return "bad" if worse else "fair"
 
 
@@ -423,12 +423,10 @@ def _complete(evidence: Evidence) -> Iterator[Fact]:
 def of_search(gap: GapRecord) -> list[Fact]:
     """Return what a search says of the logs that it has seen."""
     facts = []
-    for name, error, noise in zip(
-        gap.joint_names, gap.errors, gap.improvement.allowed, strict=True
-    ):
-        more = not noise or error > tuning.MISSING[not gap.repeats] * noise
-        state = "fair" if more else "good"
-        facts.append(unless_good(state, f"{name} {error:.2g}, noise {noise:.2g}"))
+    rows = zip(gap.joint_names, gap.errors, gap.improvement.allowed, strict=True)
+    for name, error, noise in rows:
+        good = noise and error <= tuning.MISSING[not gap.repeats] * noise
+        facts.append(("good", "") if good else ("fair", f"{name} {error:.2g}, noise {noise:.2g}"))
     if gap.surprise is not None:
         text = (
             f"relative torque error {gap.kept:.2g} % on the new logs, expected {gap.expected:.2g} %"

@@ -94,7 +94,7 @@ def of_replay(unseen: Unseen, e: Evidence) -> str:
         if unseen.same_motion:
             return f"The model predicts {unseen.name} to within its noise, but was trained on this motion: try another."
         return f"The model predicts {unseen.name}, a motion not used for training, to within its noise."
-    if (unseen.surprise or 0.0) > tuning.EXPECTED[0]:
+    if unseen.surprise > tuning.EXPECTED[0]:
         much = f"{error} (expected {unseen.expected:.2g} %)"
         if unseen.changed:
             return (
@@ -126,7 +126,8 @@ def of_changes(e: Evidence) -> str:
 # ---------------------------------------------------------------- missing effects
 def of_gap(e: Evidence) -> str:
     """Return what is missing, or that the search found no more than noise."""
-    gap, changed, nothing = e.gap_evidence, e.gap_evidence.question == "changed", e.nothing
+    gap, nothing = e.gap_evidence, e.nothing
+    changed = gap.question == "changed"
     if nothing and e.odd:
         log = e.odd[0]
         error = f"relative torque error {shown(log.percent)} % there"
@@ -255,14 +256,14 @@ def _gap_reasons(e: Evidence) -> Iterator[str]:
 def warnings(e: Evidence) -> Iterator[str]:
     """Yield what several facts together warn of."""
     # The answer to a replay says it of that one.
-    rows = e.unseen[:-1] if e.asked == "replay" else e.unseen
+    rows, gap = e.unseen[:-1] if e.asked == "replay" else e.unseen, e.gap_evidence
     # A search may say why: the arm is another one there.
-    changed = e.gap_evidence.question == "changed" and e.gap_evidence.named
-    rows = tuple(row for row in rows if not changed or row.log not in e.gap_evidence.logs)
-    most = max(rows, key=lambda unseen: unseen.surprise or 0.0, default=None)
-    times = (most.surprise or 0.0) if most else 0.0
-    if most and times > tuning.EXPECTED[0] and not at_noise(most, e):
-        yield f"Do not rely on the expected error: on {most.name} it was {shown(times)} times too small."
+    changed = gap.logs if gap.question == "changed" and gap.named else ()
+    rows = tuple(row for row in rows if row.log not in changed)
+    most = max(rows, key=lambda unseen: unseen.surprise, default=None)
+    if most and most.surprise > tuning.EXPECTED[0] and not at_noise(most, e):
+        times = shown(most.surprise)
+        yield f"Do not rely on the expected error: on {most.name} it was {times} times too small."
     if e.gap is not None and not e.gap.repeats:
         yield "The noise is a lower bound, because no motion is repeated: record each motion twice."
 
