@@ -124,7 +124,8 @@ def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
     motion = played.motion
     _check_consistent(motion)
     # A joint without end may have been turned further than a plan would turn it.
-    lower, upper = robot.travel((-np.inf, np.inf), (-np.inf, np.inf))
+    endless = (-np.inf, np.inf)
+    lower, upper = robot.travel(endless, endless)
     moved = {"position": motion.q, "velocity": motion.qd, "acceleration": motion.qdd}
     series = {key: [(motion.t, own) for own in values.T] for key, values in moved.items()}
     limits = replace(bounds(robot), lower=lower, upper=upper)

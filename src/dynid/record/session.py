@@ -139,7 +139,7 @@ def _stands_still(listener: Listener) -> bool | None:
         time.sleep(2 * tuning.GLANCE_S)
         after = listener.latest
         if before is not None and after is not None and after.arrival > before.arrival:
-            if float(np.abs(after.q - before.q).max()) < tuning.STILL_AFTER_STOP:
+            if np.abs(after.q - before.q).max() < tuning.STILL_AFTER_STOP:
                 return True
             before = after
     still_heard = before is not None and time.monotonic() - before.arrival < tuning.STANDSTILL_S / 2

@@ -106,8 +106,8 @@ def plant_of(robot: Robot) -> Plant:
         plant = read_plant(path)
         if plant.robot == robot.slug:
             return plant
-    n, bodies = robot.n, prior_bodies(robot)
-    return Plant(robot.slug, bodies, (0.0,) * n, Friction.none(n), Sensors.perfect(n))
+    n = robot.n
+    return Plant(robot.slug, prior_bodies(robot), (0.0,) * n, Friction.none(n), Sensors.perfect(n))
 
 
 def read_plant(path: Path) -> Plant:
