@@ -89,12 +89,12 @@ def read_plan(path: Path, robot: Robot, options: Sequence[str]) -> PlanFile:
     root, readers = read_yaml(path), dict.fromkeys(options, or_null(TEXT)) | _KEYS
     keys = root.mapping(list(readers))
     given = root.within(angle_unit=unit_of(keys), joints=robot.joints).read(readers)
-    waypoints = None
+    waypoints, times = None, None
     if "waypoints" in given:
         q = np.array(given["waypoints"]).reshape(-1, robot.n)
-        if "times" in keys:
+        if "times" in given:
             keys["times"].items(len(q))
-        times = np.array(given["times"]) if "times" in given else None
+            times = np.array(given["times"])
         waypoints = _checked(Waypoints(q, times), path)
     return PlanFile(waypoints, given.get("obstacles", ()), given.get("workspace"))
 

@@ -227,18 +227,18 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         axis = axis / (np.linalg.norm(axis) or 1.0)
     ends = map(joint.find, ("parent", "child"))
     parent, child = ("" if end is None else end.attrib["link"] for end in ends)
-    limit, limits = joint.find("limit"), Limits()
-    if limit is not None:
-        lower, upper, velocity, effort = (
-            float(limit.get(key, "0")) for key in ("lower", "upper", "velocity", "effort")
-        )
-        # Why: some files write an infinite or huge number for a joint without a limit.
-        limited = kind != "continuous" and -LARGEST < lower < upper < LARGEST
-        limits = Limits(
-            position=(lower, upper) if limited else None,
-            velocity=velocity if 0 < velocity < LARGEST else None,
-            torque=effort if 0 < effort < LARGEST else None,
-        )
+    limit = joint.find("limit")
+    given = {} if limit is None else limit.attrib
+    lower, upper, velocity, effort = (
+        float(given.get(key, "0")) for key in ("lower", "upper", "velocity", "effort")
+    )
+    # Why: some files write an infinite or huge number for a joint without a limit.
+    limited = kind != "continuous" and -LARGEST < lower < upper < LARGEST
+    limits = Limits(
+        position=(lower, upper) if limited else None,
+        velocity=velocity if 0 < velocity < LARGEST else None,
+        torque=effort if 0 < effort < LARGEST else None,
+    )
     return UrdfJoint(
         name=name,
         type=kind,
