@@ -414,8 +414,11 @@ def check_slopes(log: Log, robot: Robot) -> Iterator[Finding]:
         VelocityInconsistent: unit or sign is wrong.
     """
     (low, high), derived = tuning.SLOPE_AGREES, ", or use --velocity derived"
+    # Of a velocity that is distorted anyway it is said once for all joints that it is not used.
     trusted = driver_of(robot).velocity_trusted
     for joint, slope in zip(robot.joints, slopes(log, robot).tolist(), strict=True):
+        if math.isnan(slope) or low <= slope <= high:
+            continue
         size, velocity = abs(slope), f"{joint.name} velocity"
         text = f"{velocity} is {slope:.3g} x the change of position"
         if joint.revolute and tuning.SLOPE_DEGREES[0] <= size <= tuning.SLOPE_DEGREES[1]:
@@ -429,8 +432,10 @@ def check_slopes(log: Log, robot: Robot) -> Iterator[Finding]:
             text = f"{velocity} has the opposite sign (slope {slope:.2f} to the change of position)"
             fix = f"correct the sign of the velocity or of the position in the log{derived}"
         else:
-            if trusted and (slope < low or slope > high):
-                text = f"{velocity} is {slope:.2f} x the change of position; --velocity derived is better"
+            text = (
+                f"{velocity} is {slope:.2f} x the change of position; --velocity derived is better"
+            )
+            if trusted:
                 yield Finding("W308", "warning", text, {"joint": joint.name, "slope": slope})
             continue
         raise VelocityInconsistent(text, fix=fix)

@@ -454,8 +454,10 @@ def with_effects(
     if not model.added:
         return log
     reference = reference or ModelTorques(model, prior_vector(model))
-    motions = ((s, arm_motion(s, log.filter, model, reference)) for s in log.segments)
-    segments = [replace(s, effects=model.added_entries(motion).T) for s, motion in motions]
+    segments = []
+    for segment in log.segments:
+        motion = arm_motion(segment, log.filter, model, reference)
+        segments.append(replace(segment, effects=model.added_entries(motion).T))
     return replace(log, segments=segments)
 
 
