@@ -14,7 +14,6 @@ from dynid.cli.prompt import ask, confirm, key_pressed, may_write
 from dynid.cli.session import Session
 from dynid.disk import sha256
 from dynid.drivers.ros import raise_priority
-from dynid.errors import WrongUsage
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.judgement.rules import Step
 from dynid.options import option
@@ -74,12 +73,6 @@ def command(
     *,
     robot: Robot,
     trajectory: Input | None = None,
-    move: str | None = option(
-        None,
-        "Move without asking: the robot's name, as a person would type it.",
-        metavar="ROBOT_NAME",
-        deliberate=True,
-    ),
     options: RecordOptions,
     convert: bool | None = option(
         None, "Also write the recording as log.npz (asked at the end when not given).", pair=True
@@ -91,19 +84,16 @@ def command(
     ),
 ) -> Answer:
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
-    if move is not None:
-        # Why before anything is looked for: it names another arm, or does not belong here.
-        confirm(session, robot.slug, move)
-        if options.listen_only:
-            fix = "leave out --move, --go-to-start and --zero-torques"
-            raise WrongUsage("--listen-only sends nothing to the arm", fix=fix)
+    if options.move is not None:
+        # Why before anything is looked for: it may name another arm.
+        confirm(session, robot.slug, options.move)
     planned = read_trajectory(trajectory, robot) if trajectory is not None else None
     session.stage("priority", raise_priority(), shown=bool(session.verbose))
     done = workflows.record.record(
         robot,
         planned,
         options,
-        TerminalOperator(session, move),
+        TerminalOperator(session, options.move),
         session.folder(robot.slug),
         parameters=dynid.loading.load_run(parameters) if parameters is not None else None,
         command=session.header({})["command"],

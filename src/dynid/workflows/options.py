@@ -10,7 +10,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
-from dynid.errors import WrongUsage
+from dynid.arguments import no_such
 from dynid.log import Log
 from dynid.options import (
     LEAST,
@@ -22,7 +22,7 @@ from dynid.options import (
     quantity,
 )
 from dynid.robot import EffectSpec, Prior
-from dynid.text import closest, whole_number
+from dynid.text import whole_number
 
 #: Columns that each joint may have beyond its link's ten parameters.
 EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
@@ -115,8 +115,7 @@ def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ..
         if word in names:
             first = last = list(names).index(word) + 1
         if not 1 <= first <= last <= len(names):
-            what = f"{option}: no joint '{word}'{closest(word, names)}"
-            raise WrongUsage(what, fix=f"1 to {len(names)}, or a name")
+            raise no_such(f"{option}: no joint", word, names, f"1 to {len(names)}, or a name")
         indices |= dict.fromkeys(range(first - 1, last))
     return tuple(indices)
 
@@ -374,6 +373,12 @@ class ImportOptions(Options):
 class RecordOptions(Options):
     """How a motion is played and recorded."""
 
+    move: str | None = option(
+        None,
+        "Move without asking: the robot's name, as a person would type it.",
+        metavar="ROBOT_NAME",
+        deliberate=True,
+    )
     dry_run: bool = option(False, "Check everything and end before the arm is moved.")
     listen_only: bool = option(
         False, "Only record; another program moves the arm. Needs no TRAJECTORY."

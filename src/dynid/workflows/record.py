@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
+from dynid.answer import Facts, picked
 from dynid.disk import sha256
 from dynid.drivers.command_port import CommandPort
 from dynid.drivers.interface import driver_of
-from dynid.drivers.ros import Node, connect
+from dynid.drivers.ros import connect
 from dynid.errors import Declined, DynidError, LimitsAssumed, NotReviewed, StartPoseOff, WrongUsage
 from dynid.estimation.result import Identification
 from dynid.files.logs import read_log
@@ -70,25 +72,11 @@ class Recording:
     files: tuple[Path, ...] = ()
     failure: BaseException | None = None
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid record`` says."""
         ended = {"verdict": "dry run"} if self.outcome is None else session.facts(self.outcome)
         foreseen = asdict(self.forecast) if self.forecast is not None else {}
-        return {"schema": "dynid/record/1", "robot": self.robot.name, **ended, "foreseen": foreseen}
-
-
-@dataclass(frozen=True)
-class _Session:
-    """One run: what is played on what, with which answers, into which folder."""
-
-    robot: Robot
-    trajectory: StoredTrajectory | None
-    options: RecordOptions
-    operator: Operator
-    folder: Path
-    parameters: Identification | None
-    command: str
-    node: Node
+        return {"robot": self.robot.name, **ended, "foreseen": foreseen}
 
 
 def require_usable(
@@ -100,7 +88,8 @@ def require_usable(
         WrongUsage: they do.
         LimitsAssumed: the motion was planned with rates that nobody gave (E512).
     """
-    if options.listen_only and (options.go_to_start or options.zero_torques):
+    moves = options.move is not None or options.go_to_start or options.zero_torques
+    if options.listen_only and moves:
         raise WrongUsage(
             "--listen-only sends nothing to the arm",
             fix="leave out --move, --go-to-start and --zero-torques",
@@ -110,10 +99,8 @@ def require_usable(
             "no trajectory given", fix=f"dynid record {robot.word} TRAJECTORY, or --listen-only"
         )
 
-    assumed = (
-        unsafe_to_play(trajectory.facts.get("assumed_limits", ())) if trajectory is not None else ()
-    )
-    if assumed:
+    planned_with = {} if trajectory is None else trajectory.facts
+    if assumed := unsafe_to_play(planned_with.get("assumed_limits", ())):
         raise LimitsAssumed(f"the motion was planned with assumed limits: {'; '.join(assumed)}")
 
 
@@ -146,137 +133,224 @@ def record(
     """
     require_usable(robot, trajectory, options)
     begin = time.monotonic()
-    node = connect("dynid_record", options.master, options.timeout)
-    stage("preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms")
-    try:
-        return _recorded(
-            _Session(robot, trajectory, options, operator, folder, parameters, command, node)
-        )
-    finally:
-        node.close()
-
-
-def _recorded(run: _Session) -> Recording:
-    """Check, ask, move or listen, write."""
-    options = run.options
-    topic = preflight.find_topic(run.node, run.robot, options.topic)
-    listener = preflight.listener_of(run.node, run.robot, topic)
-    try:
-        port = driver_of(run.robot).open_port(
-            run.node, run.robot, topic, options.command_topic, moving=not options.listen_only
-        )
-        seen = _observed(run, listener, port)
-        if options.listen_only:
-            return _listened(run, listener, port)
-        motion, forecast = _prepared(run, seen, port)
-        if options.dry_run:
-            stage("dry run", "everything is in order; nothing was sent")
-            return Recording(run.robot, options, forecast)
-        _ask_to_replace(run)
-        require_confirmed(run.operator, run.robot)
-        return _moved(run, listener, port, motion, seen, forecast)
-    finally:
-        listener.close()
-
-
-# ---------------------------------------------------------------- before anything moves
-def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedState:
-    """Listen to the driver and judge its numbers."""
-    robot = run.robot
-    seen = preflight.listen(listener, robot, run.options.timeout)
-    heard = len(listener.names)
-    used = f"{heard} names, {robot.n} used" if heard != robot.n else f"{robot.n} names"
-    stage("", f"{listener.topic}  {used}, {seen.rate:.1f} Hz")
-    preflight.check_units(seen, robot)
-    if not run.options.zero_torques:
-        notice(preflight.check_zero(seen, robot))
-    removed = preflight.check_gravity(seen, robot, port)
-    words = {
-        None: "the driver does not say whether gravity is in the torques",
-        False: "gravity is in the torques",
-    }
-    stage("torque", words.get(removed, "torques without gravity, as the robot file says"))
-    return seen
-
-
-def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Motion, Forecast]:
-    """Return what will be played, checked sample by sample, and what it was judged to do."""
-    planned, options = run.trajectory, run.options
-    assert planned is not None
-    preflight.check_endpoints(port)
-    played = preflight.motion_to_play(
-        run.robot,
-        planned.motion,
-        seen,
-        speed=options.speed,
-        repeat=options.repeat,
-        go_to_start=options.go_to_start,
-    )
-    facts = planned.facts.get("scene")
-    shapes = Path(facts["urdf"]) if facts and facts["urdf"] else None
-    if shapes is not None and not shapes.is_file():
-        stage("note", f"{shapes} was not found: distances are those of cylinders along the links")
-        shapes = None
-    scene = scene_from(facts) if facts else Scene()
-    forecast = motion_checks.forecast(run.robot, played, scene, _torque_forecaster(run), shapes)
-    stage("reviewed", _review_text(run.robot, planned, options))
-    stage(
-        "ready",
-        f"about to move {run.robot.slug}: {forecast.seconds:.0f} s, fastest {forecast.fastest_joint} at "
-        f"{forecast.speed_rad_s:.2f} rad/s, keep the stop button in reach",
-    )
-    return played.motion, forecast
-
-
-def _torque_forecaster(run: _Session) -> TorqueForecaster:
-    """Return what predicts the torques: an identified model, or the prior of the robot file."""
-    robot, stored = run.robot, run.parameters
-    source = "prior" if stored is None else str(stored.path)
-    if robot.torque.source == "gravity_free" or robot.torque.relative:
-        reason = (
-            "are counted in amperes"
-            if robot.torque.relative
-            else "lack gravity, and so does its model"
-        )
-        return TorqueForecaster(None, f"those of this arm {reason}", source)
-    if stored is None:
-        base = base_model(robot, run.folder)
-        theta, words = (
-            base.prior(unknown=0.0),
-            "the robot file's prior, without friction",
-        )
-    else:
-        if stored.robot.joint_names != robot.joint_names:
-            raise WrongUsage(
-                f"{stored.path} belongs to {stored.robot.name}", fix="give a model of this arm"
+    with closing(connect("dynid_record", options.master, options.timeout)) as node:
+        answered = f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms"
+        stage("preflight", answered)
+        topic = preflight.find_topic(node, robot, options.topic)
+        with closing(preflight.listener_of(node, robot, topic)) as listener:
+            port = driver_of(robot).open_port(
+                node, robot, topic, options.command_topic, moving=not options.listen_only
             )
-        if stored.robot.torque.relative:
+            return _Run(
+                robot, trajectory, options, operator, folder, parameters, command, listener, port
+            ).recorded()
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One run: what is played, with which answers, into which folder; the driver that is heard and commanded."""
+
+    robot: Robot
+    trajectory: StoredTrajectory | None
+    options: RecordOptions
+    operator: Operator
+    folder: Path
+    parameters: Identification | None
+    command: str
+    listener: Listener
+    port: CommandPort
+
+    def recorded(self) -> Recording:
+        """Check, ask, move or listen, write."""
+        seen = self._observed()
+        if self.options.listen_only:
+            return self._listened()
+        motion, forecast = self._prepared(seen)
+        if self.options.dry_run:
+            stage("dry run", "everything is in order; nothing was sent")
+            return Recording(self.robot, self.options, forecast)
+        self._ask_to_replace()
+        require_confirmed(self.operator, self.robot)
+        return self._moved(motion, seen, forecast)
+
+    # ------------------------------------------------------------ before anything moves
+    def _observed(self) -> ObservedState:
+        """Listen to the driver and judge its numbers."""
+        robot = self.robot
+        seen = preflight.listen(self.listener, robot, self.options.timeout)
+        heard = len(self.listener.names)
+        used = f", {robot.n} used" * (heard != robot.n)
+        stage("", f"{self.listener.topic}  {heard} names{used}, {seen.rate:.1f} Hz")
+        preflight.check_units(seen, robot)
+        if not self.options.zero_torques:
+            notice(preflight.check_zero(seen, robot))
+        words = {
+            None: "the driver does not say whether gravity is in the torques",
+            True: "torques without gravity, as the robot file says",
+            False: "gravity is in the torques",
+        }
+        stage("torque", words[preflight.check_gravity(seen, robot, self.port)])
+        return seen
+
+    def _prepared(self, seen: ObservedState) -> tuple[Motion, Forecast]:
+        """Return what will be played, checked sample by sample, and what it was judged to do."""
+        planned, options = self.trajectory, self.options
+        assert planned is not None
+        preflight.check_endpoints(self.port)
+        played = preflight.motion_to_play(
+            self.robot,
+            planned.motion,
+            seen,
+            speed=options.speed,
+            repeat=options.repeat,
+            go_to_start=options.go_to_start,
+        )
+        facts = planned.facts.get("scene") or {}
+        shapes = Path(facts["urdf"]) if facts.get("urdf") else None
+        if shapes is not None and not shapes.is_file():
+            text = f"{shapes} was not found: distances are those of cylinders along the links"
+            stage("note", text)
+            shapes = None
+        scene = scene_from(facts) if facts else Scene()
+        forecast = motion_checks.forecast(self.robot, played, scene, self._forecaster(), shapes)
+        stage("reviewed", self._review(planned))
+        stage(
+            "ready",
+            f"about to move {self.robot.slug}: {forecast.seconds:.0f} s, fastest {forecast.fastest_joint} at "
+            f"{forecast.speed_rad_s:.2f} rad/s, keep the stop button in reach",
+        )
+        return played.motion, forecast
+
+    def _forecaster(self) -> TorqueForecaster:
+        """Return what predicts the torques: an identified model, or the prior of the robot file."""
+        robot, stored = self.robot, self.parameters
+        source = "prior" if stored is None else str(stored.path)
+        if robot.torque.relative:
+            return TorqueForecaster(None, "those of this arm are counted in amperes", source)
+        if robot.torque.source == "gravity_free":
+            text = "those of this arm lack gravity, and so does its model"
+            return TorqueForecaster(None, text, source)
+        if stored is None:
+            base = base_model(robot, self.folder)
+            theta, words = base.prior(unknown=0.0), "the robot file's prior, without friction"
+        elif stored.robot.joint_names != robot.joint_names:
+            what = f"{stored.path} belongs to {stored.robot.name}"
+            raise WrongUsage(what, fix="give a model of this arm")
+        elif stored.robot.torque.relative:
             raise WrongUsage(f"{stored.path} predicts currents", fix="leave out --parameters")
-        base = stored.base
-        theta, words = stored.theta, source
-    observer = base.observer
-    return TorqueForecaster(
-        lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words, source
-    )
+        else:
+            base, theta, words = stored.base, stored.theta, source
+        observer = base.observer
+        return TorqueForecaster(
+            lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words, source
+        )
 
+    def _review(self, planned: StoredTrajectory) -> str:
+        """Return who has confirmed a motion.
 
-def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions) -> str:
-    """Return who has confirmed a motion.
+        Raises:
+            NotReviewed: nobody has, or it was changed afterwards.
+        """
+        review, file = planned.review, planned.source
+        if planned.reviewed and review is not None:
+            return f"by {review.by}, {review.when}" + ", unseen" * (not review.seen)
+        if self.options.accept_unreviewed:
+            return "no; accepted with --accept-unreviewed"
+        again = f"dynid trajectory {self.robot.word} {shell('--review', file)}"
+        if review is not None:
+            raise NotReviewed(f"{file} was changed after {review.by} confirmed it", fix=again)
+        raise NotReviewed(f"nobody confirmed {file}", fix=f"{again}, or --accept-unreviewed")
 
-    Raises:
-        NotReviewed: nobody has, or it was changed afterwards.
-    """
-    review, again = (
-        planned.review,
-        f"dynid trajectory {robot.word} {shell('--review', planned.source)}",
-    )
-    if planned.reviewed and review is not None:
-        return f"by {review.by}, {review.when}" + ", unseen" * (not review.seen)
-    if options.accept_unreviewed:
-        return "no; accepted with --accept-unreviewed"
-    if review is not None:
-        raise NotReviewed(f"{planned.source} was changed after {review.by} confirmed it", fix=again)
-    raise NotReviewed(f"nobody confirmed {planned.source}", fix=f"{again}, or --accept-unreviewed")
+    def _ask_to_replace(self) -> None:
+        """Ask before an earlier recording is replaced."""
+        for name in ("log.bag", "log.npz"):
+            if (self.folder / name).exists():
+                return self.operator.may_replace(self.folder / name)
+
+    # ------------------------------------------------------------ while it is recorded
+    def _moved(self, motion: Motion, seen: ObservedState, forecast: Forecast) -> Recording:
+        """Play the motion; the arm may have been moved since it was checked, so its place is checked once more."""
+        port, listener = self.port, self.listener
+        port.ready()
+        stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
+        if self.options.zero_torques:
+            if not at_candle(seen):
+                raise StartPoseOff(
+                    "the arm is not at the candle pose (all joints 180 deg)",
+                    why="its torque sensors are zeroed there",
+                    fix="move it there by hand or joystick",
+                )
+            port.zero_torques()
+            stage("zeroed", "torque sensors")
+        assert listener.latest is not None
+        check_place(listener.latest, self.robot, motion)
+        reference = playing.ReferenceMotion(motion, listener.latest.q - motion.q[0])
+
+        def poll(outcome: Outcome) -> bool:
+            error = f"largest error {outcome.largest_deviation:.3f} rad"
+            advance(outcome.seconds, reference.duration, error)
+            return self.operator.stop_pressed()
+
+        def play(recorder: LogRecorder) -> Outcome:
+            stage("moving")
+            return session.play(port, reference, self.options.max_deviation, recorder, poll)
+
+        return self._written(play, forecast)
+
+    def _listened(self) -> Recording:
+        """Record while another program moves the arm."""
+        self._ask_to_replace()
+        seconds, stale = self.options.duration, PATIENT * tuning.STOP_STALE_S
+        stage("listening", f"{seconds:g} s" if seconds else "until Enter or Ctrl-C")
+        pressed = self.operator.stop_pressed
+        return self._written(
+            lambda recorder: session.listen_only(recorder, seconds, stale, lambda _: pressed())
+        )
+
+    def _written(
+        self, work: Callable[[LogRecorder], Outcome], forecast: Forecast | None = None
+    ) -> Recording:
+        """Open the files, work, close them; the manifest is written before the first motion and completed after."""
+        path = self.folder / "manifest.yaml"
+        facts = self._beginning(forecast)
+        manifest.write_manifest(path, facts)
+        recorder = LogRecorder(self.listener, self.folder)
+        recorder.start()
+        outcome = work(recorder)
+        outcome.tally = recorder.close()
+        bag, texts = recorder.bag_path, recorder.text_folder
+        log = {"bag": bag.name, "sha256": sha256(bag), "text": texts.name}
+        facts |= {"ended": manifest.now(), **session.facts(outcome), "log": log}
+        try:
+            manifest.write_manifest(path, facts)
+        except DynidError as error:
+            # Why: a full disk must not hide what happened to the arm.
+            outcome.notes.append(f"{error.what}; the manifest still says 'running'")
+        failure = outcome.failure if outcome.failure is not None else recorder.failure
+        files = bag, texts, path
+        return Recording(self.robot, self.options, forecast, outcome, files, failure)
+
+    def _beginning(self, forecast: Forecast | None) -> Facts:
+        """Return what the manifest says before the first motion."""
+        port, planned = self.port, self.trajectory
+        facts = manifest.beginning(self.robot, port.node, self.command)
+        facts["driver"] = {
+            "kind": port.robot.columns.kind,
+            "state_topic": port.state_topic,
+            "command_topic": None if self.options.listen_only else port.command_topic,
+            "parameters": port.parameters(),
+        }
+        if planned is not None and planned.source is not None:
+            review = planned.review
+            facts["trajectory"] = {
+                "file": str(planned.source),
+                "sha256": sha256(planned.source),
+                "alpha": planned.alpha,
+                **picked(self.options, "speed", "repeat"),
+                "reviewed_by": review.by if review and planned.reviewed else None,
+                "foreseen": asdict(forecast) if forecast is not None else {},
+            }
+        return facts
 
 
 def require_confirmed(operator: Operator, robot: Robot) -> None:
@@ -289,120 +363,7 @@ def require_confirmed(operator: Operator, robot: Robot) -> None:
         raise Declined(f"nobody confirmed that {robot.slug} may move", why="the arm was not moved")
 
 
-def _ask_to_replace(run: _Session) -> None:
-    """Ask before an earlier recording is replaced."""
-    for name in ("log.bag", "log.npz"):
-        if (run.folder / name).exists():
-            run.operator.may_replace(run.folder / name)
-            return
-
-
-# ---------------------------------------------------------------- while it is recorded
-def _moved(
-    run: _Session,
-    listener: Listener,
-    port: CommandPort,
-    motion: Motion,
-    seen: ObservedState,
-    forecast: Forecast,
-) -> Recording:
-    """Play the motion; the arm may have been moved since it was checked, so its place is checked once more."""
-    port.ready()
-    stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
-    if run.options.zero_torques:
-        if not at_candle(seen):
-            raise StartPoseOff(
-                "the arm is not at the candle pose (all joints 180 deg)",
-                why="its torque sensors are zeroed there",
-                fix="move it there by hand or joystick",
-            )
-        port.zero_torques()
-        stage("zeroed", "torque sensors")
-    assert listener.latest is not None
-    check_place(listener.latest, run.robot, motion)
-    reference = playing.ReferenceMotion(motion, listener.latest.q - motion.q[0])
-
-    def play(recorder: LogRecorder) -> Outcome:
-        stage("moving")
-
-        def poll(outcome: Outcome) -> bool:
-            error = f"largest error {outcome.largest_deviation:.3f} rad"
-            advance(outcome.seconds, reference.duration, error)
-            return run.operator.stop_pressed()
-
-        return session.play(port, reference, run.options.max_deviation, recorder, poll)
-
-    return _written(run, listener, port, play, forecast)
-
-
-def _listened(run: _Session, listener: Listener, port: CommandPort) -> Recording:
-    """Record while another program moves the arm."""
-    _ask_to_replace(run)
-    seconds = run.options.duration
-    stage("listening", f"{seconds:g} s" if seconds else "until Enter or Ctrl-C")
-    stale = PATIENT * tuning.STOP_STALE_S
-
-    def listen(recorder: LogRecorder) -> Outcome:
-        return session.listen_only(recorder, seconds, stale, lambda _: run.operator.stop_pressed())
-
-    return _written(run, listener, port, listen, None)
-
-
-def _written(
-    run: _Session,
-    listener: Listener,
-    port: CommandPort,
-    work: Callable[[LogRecorder], Outcome],
-    forecast: Forecast | None,
-) -> Recording:
-    """Open the files, work, close them; the manifest is written before the first motion and completed after."""
-    path = run.folder / "manifest.yaml"
-    facts = _beginning(run, port, forecast)
-    manifest.write_manifest(path, facts)
-    recorder = LogRecorder(listener, run.folder)
-    recorder.start()
-    outcome = work(recorder)
-    outcome.tally = recorder.close()
-    bag, texts = recorder.bag_path, recorder.text_folder
-    log = {"bag": bag.name, "sha256": sha256(bag), "text": texts.name}
-    try:
-        manifest.write_manifest(
-            path, facts | {"ended": manifest.now(), **session.facts(outcome), "log": log}
-        )
-    except DynidError as error:
-        # Why: a full disk must not hide what happened to the arm.
-        outcome.notes.append(f"{error.what}; the manifest still says 'running'")
-    failure = outcome.failure
-    if failure is None:
-        failure = recorder.failure
-    return Recording(run.robot, run.options, forecast, outcome, (bag, texts, path), failure)
-
-
-def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> dict[str, Any]:
-    """Return what the manifest says before the first motion."""
-    facts = manifest.beginning(run.robot, run.node, run.command)
-    facts["driver"] = {
-        "kind": port.robot.columns.kind,
-        "state_topic": port.state_topic,
-        "command_topic": None if run.options.listen_only else port.command_topic,
-        "parameters": port.parameters(),
-    }
-    planned = run.trajectory
-    if planned is not None and planned.source is not None:
-        review = planned.review
-        facts["trajectory"] = {
-            "file": str(planned.source),
-            "sha256": sha256(planned.source),
-            "alpha": planned.alpha,
-            "speed": run.options.speed,
-            "repeat": run.options.repeat,
-            "reviewed_by": review.by if review and planned.reviewed else None,
-            "foreseen": asdict(forecast) if forecast is not None else {},
-        }
-    return facts
-
-
-def convert(recording: Recording, header: dict[str, Any]) -> Path:
+def convert(recording: Recording, header: Facts) -> Path:
     """Write log.npz beside log.bag and return its path.
 
     Args:
