@@ -73,9 +73,11 @@ from .workflows.simulate import (
     Simulation as Simulation,
 )
 from .workflows.simulate import (
+    compare_in_simulator as compare_in_simulator,
+)
+from .workflows.simulate import (
     simulate as simulate,
 )
-from .workflows.simulator_gap import compare_in_simulator as compare_in_simulator
 from .workflows.trajectory import (
     Plan as Plan,
 )

@@ -94,7 +94,7 @@ def added(
     *others, path = workflows.identify.save_result(folder, after)
     wrote, parts = [copy, path, *others, *dynid.report(path).save(folder)], list[Part]()
     try:
-        driven = workflows.simulator_gap.gap_in_simulator(gap, after)
+        driven = workflows.simulate.gap_in_simulator(gap, after)
     except (DynidError, ValueError) as error:
         # Why both: MuJoCo has no error of its own for a model that it refuses.
         parts.append(("simulator", f"not driven: {error}"))
@@ -104,7 +104,7 @@ def added(
         wrote.append(driven.save(run.simulated))
         if plot:
             picture = run.path / "gap/simulator.png"
-            wrote.append(workflows.simulator_gap.save_figure(driven, picture))
+            wrote.append(workflows.simulate.save_figure(driven, picture))
     unseen = [str(log.source) for log in gap.unseen_logs if log.source]
     why = "This log was held out: the errors are those of the table."
     step = Step(

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+import dynid
 from dynid import workflows
 from dynid.answer import Answer
-from dynid.cli.options import TIP, Existing, dynid_command, load_robot
+from dynid.cli.options import TIP, Existing, dynid_command
 from dynid.cli.prompt import may_write
 from dynid.cli.session import Session
 from dynid.disk import sha256
@@ -59,7 +60,7 @@ def simulate_command(
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     if compare is not None:
         return compared(session, Path(robot), trajectory, compare)
-    arm = load_robot(session, robot, tip)
+    arm = dynid.load_robot(robot, tip=tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, "motion": sha256(trajectory), **options.texts()}
     simulation = workflows.simulate.simulate(arm, trajectory, options)
@@ -73,7 +74,7 @@ def simulate_command(
 
 def compared(session: Session, before: Path, after: Path, log: Path) -> Answer:
     """Drive the exported files of two results along a log and answer with the errors."""
-    work = workflows.simulator_gap
+    work = workflows.simulate
     gap = work.compare_in_simulator([before, after], log)
     folder = session.out or (after if after.is_dir() else after.parent)
     wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{gap.engine}.png")]
@@ -90,14 +91,7 @@ def compared(session: Session, before: Path, after: Path, log: Path) -> Answer:
 )
 def sim_driver_command(session: Session, *, robot: Robot, options: SimDriverOptions) -> Answer:
     """Simulate an arm behind its driver's topics, in real time."""
-
-    def started(topic: str, master: str) -> None:
-        where = f"{topic} at {options.rate:g} Hz, master {master}, seed {session.seed}"
-        session.stage("driver", where)
-        end = "Ctrl-C" if options.duration is None else f"after {options.duration:g} s"
-        session.stage("stop", end)
-        # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-
+    # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     raise_priority()
-    return workflows.sim_driver.simulate_driver(robot, options, started=started)
+    return workflows.simulate.simulate_driver(robot, options)

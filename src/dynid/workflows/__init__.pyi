@@ -11,8 +11,6 @@ from . import model as model
 from . import parameters as parameters
 from . import record as record
 from . import report as report
-from . import sim_driver as sim_driver
 from . import simulate as simulate
-from . import simulator_gap as simulator_gap
 from . import trajectory as trajectory
 from . import validate as validate

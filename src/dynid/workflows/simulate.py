@@ -1,28 +1,57 @@
-"""A log of an arm that follows a motion, without ROS: rigid bodies, friction, effects, and what sensors add."""
+"""Simulated arms: a log without ROS, an arm behind its driver's topics, and exported files driven along a recording."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dynid.answer import Answer, Answered
-from dynid.arguments import public
+from dynid.arguments import no_such, public
 from dynid.arrays import Floats
+from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
-from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
+from dynid.estimation.result import Identification
+from dynid.exporters.driven import drive
+from dynid.files.trajectoryfile import read_trajectory
+from dynid.loading import (
+    LogLike,
+    MotionLike,
+    ResultLike,
+    RobotLike,
+    as_log,
+    as_motion,
+    as_results,
+    as_robot,
+    checked_log,
+)
 from dynid.log import Log
 from dynid.model.effects.catalogue import CATALOGUE, DELAY, added_effects
 from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import prior_bodies
-from dynid.model.regressor import ModelTorques, build_model, prior_vector
+from dynid.model.regressor import ModelTorques, build_model, mass_matrices, prior_vector
 from dynid.motion import Motion
-from dynid.progress import Progress, stage
+from dynid.options import LogOptions, numbers
+from dynid.progress import Progress, heard_by, stage
+from dynid.reports.figures import write_figure
+from dynid.reports.gap_figures import simulator_figure
 from dynid.robot import Body, EffectSpec, Robot
+from dynid.signals.conditioned_log import condition_logs
+from dynid.sim import tuning
 from dynid.sim.arm import SimulatedArm
-from dynid.text import closest
+from dynid.sim.comparison import SimulatorGap
+from dynid.sim.driver_loop import DriverLoop, step_of
+from dynid.sim.follow import PointFollower, VelocityFollower
+from dynid.sim.options import SimDriverOptions
+from dynid.sim.plant import Plant, Sensors, plant_of, read_plant
+from dynid.sim.ros_drivers import simulated_driver
+from dynid.workflows.export import identified_arm
+from dynid.workflows.gap import Gap
 from dynid.workflows.options import SimulateOptions, joint_indices
 
 #: What computes the rigid bodies.
@@ -45,7 +74,6 @@ class Simulation(Answered):
     def answer(self) -> Answer:
         """Return what ``dynid simulate`` answers."""
         facts = {
-            "schema": "dynid/simulate/1",
             "physics": PHYSICS,
             "samples": len(self.log),
             "duration_s": self.log.duration,
@@ -87,8 +115,7 @@ def simulate(
         robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
     for one in options.effects:
         if one.effect not in CATALOGUE:
-            what = f"--effect: no effect '{one.effect}'{closest(one.effect, CATALOGUE)}"
-            raise WrongUsage(what, fix=LISTED)
+            raise no_such("--effect: no effect", one.effect, CATALOGUE, LISTED)
     stage("simulate")
     arm = SimulatedArm(robot, prior_bodies(robot))
     rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
@@ -148,3 +175,152 @@ def _effect_torque(
             columns = one.effect.columns(path, one.joints, one.shape)
             torque[:, list(one.rows)] += np.tensordot(sizes, columns, axes=1).T
     return torque
+
+
+# ---------------------------------------------------------------- exported files in a simulator
+@public
+def compare_in_simulator(
+    results: ResultLike | Sequence[ResultLike],
+    log: LogLike,
+    *,
+    seconds: float | None = None,
+    progress: Progress | None = None,
+) -> SimulatorGap:
+    """Drive the exported files of results along a recording in a simulator, with one controller for all.
+
+    Measured torques act on the simulated arm; a soft controller of 1 Hz holds it near the recorded motion. The position
+    error is how far it strays, the torque error what the controller had to add.
+
+    Args:
+        results: results of one arm, such as before and after an effect was added.
+        log: a recording, best one that was not fitted.
+        seconds: the last so many seconds of the recording are driven; None for all [s].
+        progress: reports what is simulated.
+
+    Raises:
+        WrongUsage: an argument is something else than what is wanted (E101).
+        NotSimulated: a simulation diverges.
+        DynidError: the first serious fault of the log.
+
+    Example:
+        dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
+    """
+    given = as_results(results)
+    first, last = given[0], given[-1]
+    robot, options = first.robot, LogOptions(cutoff=first.cutoff or None, delay=first.delay)
+    recording = as_log(log, robot, options)
+    names = ("before", "after") if len(given) == 2 else [str(k + 1) for k in range(len(given))]
+    if any(each.robot.joint_names != robot.joint_names for each in given):
+        raise WrongUsage("the results are of different arms", fix="results of one arm")
+    with heard_by():
+        checked = checked_log(recording, robot, options, identify=False)
+        (conditioned,) = condition_logs([checked], first.base.model, options)
+    # The end of the longest part without gaps.
+    longest = max(conditioned.segments, key=len)
+    begin = -np.inf if seconds is None else longest.t[-1] - seconds
+    start = int(np.searchsorted(longest.t[:-2], begin))
+    t, q, qd, tau = (x[start:] for x in (longest.t, longest.q, longest.qd, longest.tau))
+    some = q[:: max(1, len(q) // 100)]
+    matrices = mass_matrices(lambda *state: last.base.observer.torque(last.theta, *state), some)
+    # What each joint moves, on average along the motion, (n,) [kg m^2 or kg].
+    inertia = np.abs(np.diagonal(matrices, axis1=1, axis2=2)).mean(axis=0)
+    runs = []
+    for name, each in zip(names, given, strict=True):
+        arm = identified_arm(each, ("mjcf",))
+        stage("simulate", f"{name}, {len(t)} samples")
+        runs.append(drive(arm, (t - t[0], q, qd, tau), inertia))
+    simulated, added = (np.array(each) for each in zip(*runs, strict=True))
+    return SimulatorGap(
+        robot=robot,
+        log=str(recording.source or recording.name),
+        engine="mujoco",
+        models=tuple(names),
+        t=t - t[0],
+        q=q,
+        simulated=simulated,
+        added=added,
+    )
+
+
+def gap_in_simulator(gap: Gap, after: Identification) -> SimulatorGap:
+    """Drive an arm without and with what a search named along a recording, at best one that was held out.
+
+    Args:
+        gap: the search.
+        after: what ``gap.apply`` returned.
+
+    Raises:
+        NotSimulated: a simulation diverges.
+    """
+    assert gap.searched is not None
+    log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
+    return compare_in_simulator((gap.searched, after), log, seconds=tuning.DRIVEN_S)
+
+
+def save_figure(gap: SimulatorGap, path: Path) -> Path:
+    """Write the picture of the position errors."""
+    return write_figure(simulator_figure(gap), path)
+
+
+# ---------------------------------------------------------------- behind the topics of a driver
+def simulate_driver(robot: Robot, options: SimDriverOptions) -> Answer:
+    """Simulate an arm behind its driver's topics until the time is over or Ctrl-C is pressed."""
+    topic = options.topic or robot.columns.topic or "/joint_states"
+    node = connect("dynid_sim_driver", options.master)
+    try:
+        plant = plant_of(robot) if options.truth is None else read_plant(options.truth)
+        arm = plant.arm(robot, step_of(options.rate))
+        kind = VelocityFollower if is_kinova(robot) else PointFollower
+        follower = kind(start_pose(robot, options.pose), arm.dt)
+        rng = np.random.default_rng(options.seed)
+        loop = DriverLoop(arm, follower, _sensors(plant, options), options, rng)
+        driver = simulated_driver(node, loop, topic)
+        stage("stop", "Ctrl-C" if options.duration is None else f"after {options.duration:g} s")
+        how = f"{options.rate:g} Hz, master {node.uri}, seed {options.seed}"
+        stage("driver", f"{topic} at {how}")
+        end = time.monotonic() + (options.duration or float("inf"))
+        with suppress(KeyboardInterrupt):
+            loop.run(driver.publish, lambda: time.monotonic() < end)
+    finally:
+        node.close()
+    facts = {"robot": robot.name, **loop.facts()}
+    said = f"{loop.published} joint states, {loop.dropped} dropped"
+    return Answer(facts, parts=[("published", said)])
+
+
+def is_kinova(robot: Robot) -> bool:
+    """Return whether the arm is a Kinova Gen2, which takes velocities and stands upright at 180 deg."""
+    return robot.driver is not None and robot.driver.kind == "kinova_gen2"
+
+
+def _sensors(plant: Plant, options: SimDriverOptions) -> Sensors:
+    """Return the sensors of a truth file, with what is wanted otherwise."""
+    sensors, noise, step = plant.sensors, options.torque_noise, options.position_step
+    return replace(
+        sensors,
+        torque_noise=sensors.torque_noise if noise is None else (noise,) * len(plant.bodies),
+        position_step=sensors.position_step if step is None else step,
+    )
+
+
+def start_pose(robot: Robot, given: str | None) -> Floats:
+    """Return where the arm stands at the beginning, (n,) [rad or m].
+
+    Args:
+        robot: the arm.
+        given: a file of a trajectory, or positions as text; the middle of all ranges when None.
+    """
+    if given is None:
+        # Why: a Kinova Gen2 points up with all joints at 180 deg, which is also the middle of its ranges.
+        endless = np.pi if is_kinova(robot) else 0.0
+        ranges = [joint.limits.position or (endless, endless) for joint in robot.joints]
+        return np.array([(lower + upper) / 2 for lower, upper in ranges])
+    if Path(given).exists():
+        return np.array(read_trajectory(Path(given), robot).motion.q[0])
+    try:
+        return np.array(numbers(given, robot.n))
+    except ValueError as error:
+        what = f"--pose {given} is no file, and {error}"
+        raise WrongUsage(
+            what, fix=f"dynid trajectory {robot.word}, or one per joint [rad]"
+        ) from None

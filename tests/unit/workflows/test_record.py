@@ -8,7 +8,7 @@ from dynid.cli.record import command
 from dynid.errors import Declined, WrongUsage
 from dynid.workflows.options import RecordOptions
 from dynid.workflows.record import record, require_confirmed
-from dynid.workflows.sim_driver import start_pose
+from dynid.workflows.simulate import start_pose
 
 
 class Nobody:

@@ -9,7 +9,7 @@ import dynid
 import twolink
 from dynid.robot import EffectSpec
 from dynid.signals.columns import take_samples
-from dynid.workflows.simulator_gap import save_figure
+from dynid.workflows.simulate import save_figure
 
 
 @pytest.fixture(scope="module")
