@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 
 #: Width of the column of labels.
 LABEL = 11
+#: What a JSON answer holds: units are part of the keys.
+Facts: TypeAlias = dict[str, Any]
 #: A sentence, a label with a sentence, a table, a warning, or what is said of a model.
 Part: TypeAlias = str | tuple[str, str] | Table | Finding | Judgement
 
 
-def picked(source: object, *same: str, **renamed: str) -> dict[str, Any]:
+def picked(source: object, *same: str, **renamed: str) -> Facts:
     """Return attributes of an object as facts, by their own names and by others."""
     renamed |= {name: name for name in same}
     return {name: getattr(source, own) for name, own in renamed.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import fields, replace
 from functools import wraps
 from typing import ParamSpec, TypeVar
@@ -59,8 +59,9 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
     def called(*args: P.args, **kwargs: P.kwargs) -> T:
         name = function.__name__
         for unknown in kwargs.keys() - shown.keys():
-            what = f"{name} has no argument or option '{unknown}'{closest(unknown, shown)}"
-            raise WrongUsage(what, fix=f"help(dynid.{name})")
+            raise no_such(
+                f"{name} has no argument or option", unknown, shown, f"help(dynid.{name})"
+            )
         bound = signature.bind(*args, **kwargs)
         given = bound.arguments
         if kind is not None:
@@ -76,6 +77,12 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
 
     called.__signature__ = signature.replace(parameters=[*shown.values()])  # type: ignore[attr-defined]
     return called
+
+
+def no_such(what: str, word: str, known: Collection[str], fix: str = "") -> WrongUsage:
+    """Return the error for a word that is none of the known ones, which names the nearest of them."""
+    what = f"{what} '{word}'{closest(word, known)}"
+    return WrongUsage(what, fix=fix or f"one of {', '.join(known)}")
 
 
 def instance(value: object, kind: type[T], name: str, wanted: str) -> T:

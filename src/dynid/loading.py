@@ -21,6 +21,7 @@ from dynid.log import Log
 from dynid.model.from_urdf import import_arm
 from dynid.motion import Motion
 from dynid.options import LogOptions
+from dynid.progress import notice
 from dynid.robot import Robot
 from dynid.signals.checks import prepare
 
@@ -74,14 +75,16 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
         if path.suffix in FORMATS:
             fix = "the robot comes first, then its logs: dynid identify ROBOT LOG"
             raise RobotNotFound(f"{source} is a log or a result, no robot", fix=fix)
-        return robotfile.load_robot(source)
-    if not path.is_file():
-        robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets
-    tip = tip or (link if path != Path(source) else None)
-    imported = import_arm(read_urdf(path), read_urdf(path, exact=True), base=base, tip=tip)
-    return replace(
-        imported.robot, source=str(source), findings=(*imported.robot.findings, *imported.findings)
-    )
+        robot = robotfile.load_robot(source)
+    else:
+        if not path.is_file():
+            robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets
+        tip = tip or (link if path != Path(source) else None)
+        made = import_arm(read_urdf(path), read_urdf(path, exact=True), base=base, tip=tip)
+        robot, findings = made.robot, (*made.robot.findings, *made.findings)
+        robot = replace(robot, source=str(source), findings=findings)
+    notice(robot.findings)
+    return robot
 
 
 def read_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions()) -> Log:

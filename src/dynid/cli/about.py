@@ -12,6 +12,7 @@ from click.shell_completion import get_completion_class
 
 from dynid import workflows
 from dynid.answer import Answer
+from dynid.arguments import no_such
 from dynid.cli.commands import COMMANDS, command_of
 from dynid.cli.options import (
     COMMON,
@@ -24,10 +25,8 @@ from dynid.cli.options import (
 )
 from dynid.cli.session import Session
 from dynid.codes import codes, page, summary
-from dynid.errors import WrongUsage
 from dynid.files import pages
 from dynid.table import Table
-from dynid.text import closest
 
 #: Value of --config that means: show the configuration.
 SHOW = Path("?show")
@@ -83,8 +82,7 @@ def doctor_command(session: Session) -> Answer:
     if config is not None:
         shown = list(sources(None if config == SHOW else config))
         note = "options of single commands are listed when they differ from their default"
-        facts = {"schema": "dynid/doctor/1", "settings": shown}
-        return Answer(facts, parts=[Table(shown)], notes=[("note", note)])
+        return Answer({"settings": shown}, parts=[Table(shown)], notes=[("note", note)])
     return workflows.doctor.doctor()
 
 
@@ -98,29 +96,24 @@ def doctor_command(session: Session) -> Answer:
 )
 def explain_command(session: Session, *, word: str | None = None) -> Answer:
     """Say what an error or warning code means and how to get rid of it, or show a page of the documentation."""
-    schema = {"schema": "dynid/explain/1"}
     if word is None:
         lines = [
             *((each, summary(each)) for each in codes()),
             ("pages", ", ".join(sorted(pages()))),
         ]
         facts = {"codes": {each: page(each) for each in codes()}, "pages": sorted(pages())}
-        return Answer(schema | facts, parts=lines)
+        return Answer(facts, parts=lines)
     code = word.strip("[]").upper()
     if code in codes():
         lines = [
             (code if label == "what" else f"  {label}", text) for label, text in page(code).items()
         ]
-        return Answer(schema | {"code": code, **page(code)}, parts=lines)
+        return Answer({"code": code, **page(code)}, parts=lines)
     if word in pages():
         text = pages()[word].read_text(encoding="utf-8")
         session.answer(text)
-        return Answer(schema | {"page": word, "text": text})
-    raise WrongUsage(
-        f"no code or page '{word}'{closest(word, [*codes(), *pages()])}",
-        why="codes are E or W and three digits, as printed in error[E307]; pages have names such as robot-file",
-        fix="dynid explain",
-    )
+        return Answer({"page": word, "text": text})
+    raise no_such("no code or page", word, [*codes(), *pages()], "dynid explain")
 
 
 @dynid_command(
@@ -138,4 +131,4 @@ def completion_command(session: Session, shell: str) -> Answer:
     assert made is not None
     script = made(root, {}, "dynid", "_DYNID_COMPLETE").source()
     session.answer(script)
-    return Answer({"schema": "dynid/completion/1", "shell": shell, "script": script})
+    return Answer({"shell": shell, "script": script})

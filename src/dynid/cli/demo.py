@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import dynid
 from dynid import workflows
-from dynid.answer import Answer
+from dynid.answer import Answer, Facts
 from dynid.cli.options import dynid_command, invoke
 from dynid.cli.session import Session, program
 from dynid.files import packaged
@@ -59,7 +59,7 @@ def command(
         facts |= {key: story.facts[key] for key in ("hidden", "right", "gap")}
     page = write_demo_page(top / "index.html", arm.name, told, program())
     return Answer(
-        {"schema": "dynid/demo/1", "robot": robot, **facts, "page": page},
+        {"robot": robot, **facts, "page": page},
         parts=(
             "",
             ("truth", truth),
@@ -71,7 +71,7 @@ def command(
 
 def all_loops(
     session: Session, told: list[str | Path], arm: Robot, robot: str, folder: Path
-) -> dict[str, Any]:
+) -> Facts:
     """Derive the model, look at a motion, identify and validate, compare with the truth; return the facts."""
     model = step(session, told, ", loop 1", "model", (robot, "-o", folder), ("--reduce",))
     size = f"{model['n_parameters']} parameters, {model['rank']} base parameters"
@@ -119,7 +119,6 @@ def find_hidden(session: Session, told: list[str | Path], effect: str, folder: P
     where = f" {hidden.size:g} on joint {hidden.joint + 1}" if hidden.size else ""
     told.append(f"Hidden was {hidden.name}{where}: the answer is {verdict}.")
     facts = {
-        "schema": "dynid/demo/1",
         "robot": workflows.demo.ROBOT,
         "hidden": {
             "effect": hidden.name,
@@ -146,7 +145,7 @@ def step(
     name: str,
     words: Sequence[object],
     flags: Sequence[object],
-) -> dict[str, Any]:
+) -> Facts:
     """Run a command, print its answer, with -v all that it prints, and tell it on the page."""
     title, quiet = f"--- dynid {name}{what}", ["--quiet"] * (not session.verbose)
     session.say(title, "bold")

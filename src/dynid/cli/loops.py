@@ -15,6 +15,7 @@ import click
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
+from dynid.arguments import no_such
 from dynid.cli.options import dynid_command, invoke
 from dynid.cli.prompt import ask, may_write
 from dynid.cli.runfile import write_run
@@ -25,7 +26,6 @@ from dynid.judgement.rules import Step
 from dynid.model.printing import as_latex, as_python
 from dynid.options import LogOptions, option
 from dynid.runs import RunFolder
-from dynid.text import closest
 from dynid.workflows.options import Extras, IdentifyOptions, ModelOptions
 
 if TYPE_CHECKING:
@@ -77,11 +77,10 @@ def model_command(
         source = str(robot.path or robot.source)
         click.edit(filename=source)
         robot = dynid.load_robot(robot.source or source)
-        session.findings(robot.findings)
     model = derived.model
     if latex or python:
         text = as_latex(model) if latex else as_python(model)
-        facts = {"schema": "dynid/model/1", "robot": model.robot.name, "text": text}
+        facts = {"robot": model.robot.name, "text": text}
     else:
         facts, text = workflows.model.relations(model, str(groups), at_rest=at_rest)
     session.answer(text)
@@ -257,8 +256,7 @@ def parsed_limit(text: str) -> Limit:
         raise WrongUsage(f"--fail-if '{text}' is not NAME > NUMBER", fix=fix)
     name, sign, number = match.groups()
     if name not in FIGURES:
-        what = f"--fail-if: no figure '{name}'{closest(name, FIGURES)}"
-        raise WrongUsage(what, fix=f"one of {', '.join(FIGURES)}")
+        raise no_such("--fail-if: no figure", name, FIGURES)
     return name, sign, float(number)
 
 

@@ -13,10 +13,10 @@ from typing import Any, NoReturn
 import click
 
 from dynid import workflows
+from dynid.arguments import no_such
 from dynid.cli import failure
 from dynid.cli.commands import COMMANDS, CONTEXT, command_of, shown
-from dynid.errors import EXIT_MEANING, ExitStatus, WrongUsage
-from dynid.text import closest
+from dynid.errors import EXIT_MEANING, ExitStatus
 from dynid.version import __version__
 
 EXAMPLES = (
@@ -43,11 +43,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or suggest one."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            raise WrongUsage(
-                f"no command '{args[0]}'{closest(args[0], COMMANDS)}",
-                why=f"the commands are {', '.join(COMMANDS)}",
-                fix="dynid -h",
-            )
+            raise no_such("no command", args[0], COMMANDS, "dynid -h")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -33,7 +33,6 @@ from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
     from dynid.files.yamlfile import Value
-    from dynid.robot import Robot
 
 Decorator = Callable[[Callable[..., Any]], Any]
 #: Options that every command has, and those of them with one letter.
@@ -108,13 +107,6 @@ def argument_of(each: inspect.Parameter) -> Decorator:
     return click.argument(each.name, required=needed, type=kind, **facts)
 
 
-def load_robot(session: Session, robot: str, tip: str | None) -> Robot:
-    """Return the arm that ROBOT names, and say what is noticed."""
-    arm = dynid.load_robot(robot, tip=tip)
-    session.findings(arm.findings)
-    return arm
-
-
 TIP = click.option(
     "--tip",
     metavar="LINK",
@@ -152,7 +144,7 @@ def arguments(session: Session, kinds: dict[str, Any], values: dict[str, Any]) -
     """Return the arguments of a command's function; options that are common options are the session's."""
     for name, kind in kinds.items():
         if kind == "Robot":
-            values[name] = load_robot(session, values[name], values.pop("tip"))
+            values[name] = dynid.load_robot(values[name], tip=values.pop("tip"))
         elif kind == "Identification":
             values[name] = dynid.loading.load_run(values[name])
         elif isinstance(kind, type):
@@ -279,15 +271,16 @@ def dynid_command(
         def callback(**values: Any) -> Any:  # noqa: ANN401
             ctx = click.get_current_context()
             common = {key: values.pop(key) for key in COMMON}
-            if ctx.obj is None:
-                session = Session(**common)
-            else:
-                typed = {key for key in COMMON if ctx.get_parameter_source(key) is TYPED}
-                session = replace(ctx.obj, **{key: common[key] for key in typed})
+            if ctx.obj is not None:
+                common = {
+                    key: common[key] for key in COMMON if ctx.get_parameter_source(key) is TYPED
+                }
+            session: Session = replace(ctx.obj or Session(), **common)
             with session, heard_by(session.progress):
                 answer: Answer = function(session, **arguments(session, kinds, values))
                 session.show(answer)
-                facts = {**answer.facts, "wrote": [*answer.facts.get("wrote", ()), *answer.wrote]}
+                facts = {"schema": f"dynid/{name}/1", **answer.facts}
+                facts["wrote"] = [*answer.facts.get("wrote", ()), *answer.wrote]
                 if ctx.obj is not None:
                     return facts
                 if session.json:

@@ -7,13 +7,13 @@ from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.answer import Answer
+from dynid.answer import Answer, Facts
 from dynid.cli.options import Input, Output, dynid_command
 from dynid.cli.prompt import may_write, write_once
 from dynid.cli.session import Session
@@ -272,12 +272,12 @@ def run_command(
         raise WrongUsage("--json-lines and --json are two forms of one answer", fix="give one")
     number = count(1)
 
-    def line(event: str, facts: dict[str, Any]) -> None:
+    def line(event: str, facts: Facts) -> None:
         if json_lines:
             facts = {"schema": "dynid/run-event/1", "event": event, **facts}
             session.emit_json(facts, indent=None)
 
-    def ended(jobs: int, job: dict[str, Any]) -> None:
+    def ended(jobs: int, job: Facts) -> None:
         how = "reused" if job["reused"] else f"{job['seconds']:.1f} s"
         session.stage(f"{next(number)}/{jobs}", f"{job['name']}: {job['outcome']} ({how})")
         line("job", {key: job[key] for key in job if key != "answers"})
@@ -297,14 +297,14 @@ def run_command(
     rows = [{head: job[key] or None for head, key in COLUMNS.items()} for job in jobs]
     verdict = ("verdict", said.format(jobs=len(jobs), **counts))
     return Answer(
-        {"schema": "dynid/run/1", "jobs": jobs, **counts},
+        {"jobs": jobs, **counts},
         parts=() if json_lines else (Table(rows), "", verdict),
         wrote=wrote,
         status=failed[0] if failed else max(job["status"] for job in jobs),
     )
 
 
-def case_of(job: dict[str, Any]) -> JunitCase:
+def case_of(job: Facts) -> JunitCase:
     """Return a job as a line of a test report."""
     robot, failed = Path(job["robot"]).stem, job["outcome"] == "failed"
     return JunitCase(job["name"], robot, job["message"], job["seconds"], failed)

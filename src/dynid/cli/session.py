@@ -27,7 +27,7 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from dynid.answer import LABEL, Answer, Part
+from dynid.answer import LABEL, Answer, Facts, Part
 from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.errors import CannotWrite, Finding
 from dynid.judgement.rules import Judgement
@@ -98,7 +98,7 @@ class Session(Options):
         """Return the folder of the results of a robot."""
         return self.out or Path("out") / slug
 
-    def header(self, inputs: Mapping[str, str]) -> dict[str, Any]:
+    def header(self, inputs: Mapping[str, str]) -> Facts:
         """Return what every result's header says about the run: command line, seed, hashes of the inputs."""
         command = shlex.join(["dynid", *sys.argv[1:]])
         return {"command": command, "seed": self.seed, "inputs": dict(inputs)}
@@ -165,13 +165,6 @@ class Session(Options):
         """Say what was written."""
         for path in paths:
             self.stage("wrote", f"{path}{f'       ({note})' * bool(note)}")
-
-    def findings(self, findings: Sequence[Finding]) -> None:
-        """Say warnings, and with -v what is only worth knowing."""
-        for each in findings:
-            known, text = each.level == "info", f"{each.level}[{each.code}] {each.text}"
-            shown, style = bool(self.verbose) or not known, "cyan" if known else "yellow"
-            self.say(text, style, SENTENCE, shown=shown)
 
     # ------------------------------------------------------------ stdout; nothing of it but JSON with --json
     def answer(self, text: str = "", style: str = "", indent: int | None = None) -> None:
@@ -272,8 +265,12 @@ class Bar:
             self._session.stage(self._name, "...")
 
     def findings(self, findings: Sequence[Finding]) -> None:
-        """Say warnings below the stage that they belong to, each once."""
-        self._session.findings([each for each in findings if self._new(each.code, each.text)])
+        """Say warnings below the stage that they belong to, each once; what is only worth knowing with -v."""
+        for each in findings:
+            known, text = each.level == "info", f"{each.level}[{each.code}] {each.text}"
+            shown, style = bool(self._session.verbose) or not known, "cyan" if known else "yellow"
+            if self._new(each.code, each.text):
+                self._session.say(text, style, SENTENCE, shown=shown)
 
     def end(self) -> None:
         """Take the bar away until the next stage begins."""

@@ -18,6 +18,7 @@ from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay
 from dynid.files.yamlfile import read_yaml
 from dynid.options import Options, option
+from dynid.progress import notice
 from dynid.trajectory.options import IN_PLAN_FILE, PlanOptions
 
 if TYPE_CHECKING:
@@ -174,7 +175,7 @@ def reviewed(
         robot, path, options, urdf=around.urdf, base=base, drawing=look.drawing
     )
     pictures, wrote = motion.clearance.pictures, list[Path]()
-    session.findings(motion.clearance.findings)
+    notice(motion.clearance.findings)
     for picture in pictures:
         session.stage("preview", str(picture))
     if asked(session, motion, look) == "yes":
@@ -208,7 +209,7 @@ def view(session: Session, around: Surroundings, folder: Path) -> View:
         if window:
             raise NoDisplay("no display: PyBullet cannot open its window")
         text = f"no display: preview saved as {picture} and {animation} instead"
-        session.findings([Finding("W604", "info", text)] * auto)
+        notice([Finding("W604", "info", text)] * auto)
     elif auto:
         window = can_ask(session) and not around.accept
     folder.mkdir(parents=True, exist_ok=True)

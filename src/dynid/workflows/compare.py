@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import Any
 
-from dynid.answer import Answer, Answered, Judged, Part, picked
+from dynid.answer import Answer, Answered, Facts, Judged, Part, picked
 from dynid.arguments import public
 from dynid.errors import WrongUsage
 from dynid.estimation.compare import Comparison, same_parameters
@@ -95,7 +94,7 @@ class ComparedRun(Judged):
         ]
         return Table(rows)
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return the comparison as the JSON answer has it."""
         assert self.comparison is not None
         beyond = () if self.tolerance is None else self.changed
@@ -109,7 +108,7 @@ class ComparedRun(Judged):
             "judgement": self.judgement.facts(),
         }
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> Facts:
         """Return the run itself as the JSON answer has it."""
         facts = self.result.facts()
         same = (
@@ -196,10 +195,9 @@ class RunComparison(Answered):
             limits=[] if self.baseline is None else drifts,
         )
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid compare`` says."""
         return {
-            "schema": "dynid/compare/1",
             "runs": [run.described() for run in self.runs],
             **picked(self, "baseline", "tolerance", "passed"),
             "comparisons": [run.facts() for run in self.runs if run.comparison],

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from dynid.answer import Facts
+from dynid.arguments import no_such
 from dynid.disk import write_text
-from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.files import packaged
 from dynid.files.robotfile import load_robot
 from dynid.progress import stage
 from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import read_plant
-from dynid.text import closest
 
 #: The arm that something is hidden in, and its true parameters.
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
@@ -40,8 +39,7 @@ def hidden_effect(name: str, seed: int) -> Hidden:
         known = [case for case in cases.values() if case.size and case.name not in OUTSIDE]
         return known[int(np.random.default_rng(seed).integers(len(known)))]
     if name not in cases:
-        fix = f"random, or one of {', '.join(cases)}"
-        raise WrongUsage(f"--effect: '{name}' cannot be hidden{closest(name, cases)}", fix=fix)
+        raise no_such("--effect: nothing can be hidden that is called", name, [*cases, "random"])
     return cases[name]
 
 
@@ -53,30 +51,27 @@ def simulate_hidden(folder: Path, hidden: Hidden, seed: int) -> tuple[Path, tupl
         hidden: what is hidden.
         seed: of motions and noise.
     """
-    source = load_robot(ROBOT)
-    assert source.path is not None
     robot = folder / "arm.yaml"
-    write_text(robot, source.path.read_text(encoding="utf-8"))
+    write_text(robot, (packaged("robots") / f"{ROBOT}.yaml").read_text(encoding="utf-8"))
     plant = read_plant(packaged("trajectories") / TRUTH)
     paths = tuple(folder / f"motion{1 + k // 2}{'ab'[k % 2]}.npz" for k in range(6))
     stage("simulate")
-    logs = hidden_logs(source, plant, hidden, np.random.default_rng([seed, 1]), SECONDS)
+    rng = np.random.default_rng([seed, 1])
+    logs = hidden_logs(load_robot(robot), plant, hidden, rng, SECONDS)
     for path, log in zip(paths, logs, strict=True):
         log.save(path)
     return robot, paths
 
 
-def is_right_answer(hidden: Hidden, answer: dict[str, Any]) -> bool:
+def is_right_answer(hidden: Hidden, answer: Facts) -> bool:
     """Return whether the JSON answer of ``dynid gap`` says what was hidden."""
     verdict, named = answer["verdict"], answer["named"]
     if hidden.name == "nothing":
         return bool(verdict == "nothing_missing")
     if hidden.name in OUTSIDE:
         return verdict == "unexplained" and not named
-    if len(named) != 1 or named[0]["effect"] != hidden.name:
-        return False
-    names, joints = answer["gap"]["joints"], named[0]["joints"]
-    return len(joints) == len(names) or joints[:1] == [names[hidden.joint]]
+    found = [(one["effect"], one["joints"]) for one in named]
+    return found == [(hidden.name, [answer["gap"]["joints"][hidden.joint]])]
 
 
 def shipped(stem: str) -> tuple[tuple[Path, Path], dict[str, float]]:
@@ -86,7 +81,7 @@ def shipped(stem: str) -> tuple[tuple[Path, Path], dict[str, float]]:
     return logs, read_plant(Path(f"{start}_truth.yaml")).parameters()
 
 
-def against_truth(result: Identification, truth: dict[str, float]) -> dict[str, Any]:
+def against_truth(result: Identification, truth: dict[str, float]) -> Facts:
     """Count how many true base parameters the 95 % intervals of a result hold.
 
     Args:

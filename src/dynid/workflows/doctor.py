@@ -60,7 +60,6 @@ def doctor() -> Answer:
     usable = not any(check.name in REQUIRED for check in missing)
     return Answer(
         {
-            "schema": "dynid/doctor/1",
             "checks": [asdict(check) for check in checks],
             "works": works,
             "does_not_work": [check.name for check in missing],

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dynid.answer import Answer, Answered, picked
-from dynid.arguments import public
+from dynid.answer import Answer, Answered, Facts, picked
+from dynid.arguments import no_such, public
 from dynid.disk import write_text
 from dynid.errors import Finding, NotPhysical, WrongUsage
 from dynid.estimation.least_squares import relative_error
@@ -29,7 +29,6 @@ from dynid.exporters.simulated import simulated
 from dynid.loading import ResultLike, as_result
 from dynid.progress import Progress, notice, stage
 from dynid.table import Table
-from dynid.text import closest
 from dynid.version import __version__
 from dynid.workflows.options import ExportOptions
 
@@ -72,7 +71,7 @@ class ExportedFile:
             Finding("W408", "warning", f"{self.path}: {self.refused or ', '.join(differ)}", {}),
         )
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return the file as the JSON answer has it."""
         keys = {"largest_difference_nm": "largest", "torque_rms_nm": "torque_rms"}
         return {
@@ -133,11 +132,10 @@ class ExportedModel(Answered):
         heads = ("format", "loaded in", "compared", "largest difference")
         return Table([dict(zip(heads, row, strict=True)) for row in rows])
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid export`` says."""
         full = self.arm.full
         return {
-            "schema": "dynid/export/1",
             "robot": self.arm.robot.name,
             "files": [file.facts() for file in self.files],
             "impossible_links": list(full.impossible_links()),
@@ -209,8 +207,7 @@ def export(
     chosen = (formats,) if isinstance(formats, str) else tuple(formats)
     for name in chosen:
         if name not in FORMATS:
-            what = f"formats: no format '{name}'{closest(name, FORMATS)}"
-            raise WrongUsage(what, fix=f"some of {', '.join(FORMATS)}")
+            raise no_such("formats: no format", name, FORMATS)
     names = chosen or (format_of(path),)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dynid.answer import Answer, Part, picked
+from dynid.answer import Answer, Facts, Part, picked
 from dynid.arguments import one_thread
 from dynid.errors import Finding, WrongMessageType, located
 from dynid.files.artifact import kind_of, read_artifact
@@ -60,7 +59,7 @@ class Checked:
     path: str
     kind: str
     description: Lines
-    facts: dict[str, Any]
+    facts: Facts
     findings: tuple[Finding, ...] = ()
     robot: Robot | None = None
     raw: Log | None = None
@@ -122,7 +121,6 @@ def checks_answer(
         sentence = f"{names} can be read; checking the numbers needs a robot file."
     pairs = zip(checks, wrote, strict=True)
     facts = {
-        "schema": "dynid/check/1",
         "checked": [
             {
                 **picked(each, "path", "kind"),
@@ -254,7 +252,7 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
     return Checked(str(path), "log", lines, facts, log.findings, robot, raw, log)
 
 
-def _units(numbers: dict[str, Any], robot: Robot) -> str:
+def _units(numbers: Facts, robot: Robot) -> str:
     """Say the units of a log that was described."""
     kinds = sorted({joint.revolute for joint in robot.joints}, reverse=True)
     units = [("rad", "rad/s", "Nm") if kind else ("m", "m/s", "N") for kind in kinds]
@@ -349,7 +347,6 @@ def convert(
                 raise WrongMessageType(what, fix="give --robot")
         log, findings = max(logs, key=len), contents.findings
     facts = {
-        "schema": "dynid/convert/1",
         "samples": len(log),
         "duration_s": log.duration,
         "joints": list(log.names),
@@ -393,7 +390,6 @@ def import_urdf(path: Path, options: ImportOptions) -> tuple[str, Answer]:
     lengths = {"a_m": "a", "twist_rad": "twist", "d_m": "d", "theta_offset_rad": "theta_offset"}
     bodies = robot.prior.links if robot.prior else ()
     facts = {
-        "schema": "dynid/import/1",
         **picked(robot, "convention", robot="name", n_joints="n"),
         **picked(made, "base", "tip", kinematics_largest_difference="largest"),
         "joints": [picked(joint, "type", joint="name", **lengths) for joint in robot.joints],

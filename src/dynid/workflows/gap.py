@@ -9,8 +9,8 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from dynid.answer import Answer, Judged, picked
-from dynid.arguments import instance, public
+from dynid.answer import Answer, Facts, Judged, picked
+from dynid.arguments import instance, no_such, public
 from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
@@ -57,7 +57,6 @@ from dynid.reports.gap_figures import effect_figure, improvement_figure, residua
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioned_log import ConditionedLog, condition_logs, stretches
 from dynid.table import Table
-from dynid.text import closest
 from dynid.workflows.identify import identify
 from dynid.workflows.options import GapOptions, IdentifyOptions, joint_indices
 from dynid.workflows.parameters import Observations, observe
@@ -82,8 +81,7 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
     """Return what is searched on one arm, every name checked."""
     for word in options.effects:
         if word not in CATALOGUE:
-            what = f"--effects: no effect '{word}'{closest(word, CATALOGUE)}"
-            raise WrongUsage(what, fix=f"some of {','.join(CATALOGUE)}")
+            raise no_such("--effects: no effect", word, CATALOGUE)
     joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
     return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
 
@@ -179,7 +177,7 @@ class Gap(Judged, GapRecord):
             next=self.judgement.steps,
         )
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid gap`` says."""
         names = self.joint_names
         errors = {
@@ -191,7 +189,6 @@ class Gap(Judged, GapRecord):
             "simulation_after": "simulated_after",
         }
         return {
-            "schema": "dynid/gap/1",
             **picked(self, "robot", "mode", "question", "asked", "verdict", "advice"),
             **picked(self, kept_relative_error_percent="kept"),
             **picked(self, expected_relative_error_percent="expected"),

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.answer import Answer, Part
+from dynid.answer import Answer, Facts, Part
 from dynid.arguments import public
 from dynid.diagnose import tuning as mapping
 from dynid.disk import sha256, write_text
@@ -209,9 +209,7 @@ def _reported(result: Identification) -> Identification:
 
 
 # ---------------------------------------------------------------- what is fitted, and what is held out
-def _both_logs(
-    header: dict[str, Any], earlier: Identification, options: IdentifyOptions
-) -> dict[str, Any]:
+def _both_logs(header: Facts, earlier: Identification, options: IdentifyOptions) -> Facts:
     """Return logs and hashes of an earlier result and of new logs.
 
     Raises:
@@ -290,9 +288,7 @@ def _poor(result: Identification, base: BaseModel) -> bool:
 
 
 # ---------------------------------------------------------------- what is drawn, written and answered
-def save_result(
-    folder: Path, result: Identification, facts: dict[str, Any] | None = None
-) -> list[Path]:
+def save_result(folder: Path, result: Identification, facts: Facts | None = None) -> list[Path]:
     """Write parameters.npz, parameters.yaml, parameters.csv and estimatedmotion.npz of a new result.
 
     Args:
@@ -332,7 +328,7 @@ def identify_run(
     *,
     models: Path,
     may_write: Callable[[Path, Mapping[str, str]], bool],
-    header: Callable[[Mapping[str, str]], dict[str, Any]],
+    header: Callable[[Mapping[str, str]], Facts],
 ) -> Answer:
     """Identify in a folder, or with equal inputs take the result that is there.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dynid.answer import Answer, picked
+from dynid.answer import Answer, Facts, picked
 from dynid.arguments import public
 from dynid.files.artifact import read_header, reading
 from dynid.loading import RobotLike, as_robot
@@ -73,10 +73,9 @@ class DerivedModel:
         assert self.reduction is not None
         return BaseModel(self.model, self.reduction)
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid model`` says, with or without base parameters."""
         answer = {
-            "schema": "dynid/model/1",
             **picked(self.model.robot, robot="name", n_joints="n", key="model_key"),
             "n_parameters": self.model.size,
             "operations": self.model.rigid.flops,
@@ -204,7 +203,7 @@ def base_model(
 
 
 # ---------------------------------------------------------------- for people
-def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[str, Any], str]:
+def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[Facts, str]:
     """Return the relations behind all base parameters, so that a vendor's grouped numbers can be named.
 
     Args:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.answer import Answer, Answered, picked
+from dynid.answer import Answer, Answered, Facts, picked
 from dynid.arguments import one_thread, public
 from dynid.disk import sha256, write_text
 from dynid.errors import Finding, LogNotFound, WrongUsage
@@ -83,7 +83,7 @@ class Observations(Answered):
         """Cut-off of the filter over torques and columns [Hz]."""
         return self.stack.logs[0].filter.cutoff
 
-    def header(self) -> dict[str, Any]:
+    def header(self) -> Facts:
         """Return what the headers of results made from these observations say."""
         robot, coulomb = self.base.robot, self.base.robot.estimated_coulomb
         return {
@@ -98,7 +98,7 @@ class Observations(Answered):
             "coulomb": None if coulomb is None else asdict(coulomb),
         }
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid parameters`` says."""
         R, header = merge(self.stack.factors), self.header()
         solution, weak = solve(R), [asdict(finding) for finding in weakly_excited(self.stack)]
@@ -111,7 +111,6 @@ class Observations(Answered):
             "delay_applied_s",
         )
         return {
-            "schema": "dynid/parameters/1",
             **{key: header[key] for key in same},
             "samples": self.stack.samples,
             "rate_hz": self.stack.logs[0].filter.rate,
@@ -131,7 +130,7 @@ class Observations(Answered):
         notes = (("excites", f"{ranks}, {condition}"),)
         return Answer(facts, parts=weakly_excited(self.stack), notes=notes)
 
-    def save(self, folder: Path, facts: dict[str, Any] | None = None) -> list[Path]:
+    def save(self, folder: Path, facts: Facts | None = None) -> list[Path]:
         """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz.
 
         Args:
@@ -147,7 +146,7 @@ class Observations(Answered):
         prediction.save(motion, motions, {**(facts or {}), **self.header(), **header})
         return [wrote, motion]
 
-    def save_stack(self, folder: Path, facts: dict[str, Any] | None = None) -> Path:
+    def save_stack(self, folder: Path, facts: Facts | None = None) -> Path:
         """Write fullnumericregressor.npz alone."""
         path = RunFolder(folder).stack
         self.stack.save(path, {**(facts or {}), **self.header()})
@@ -229,7 +228,7 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
     return Observations(stack, delay, findings)
 
 
-def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
+def stored_key(path: Path, robot: Robot) -> Facts:
     """Return the header of fullnumericregressor.npz of an arm.
 
     Raises:
@@ -316,7 +315,7 @@ def write_robot(folder: Path, robot: Robot, gains: Gains) -> tuple[Path, Robot]:
     return path, load_robot(path)
 
 
-def gain_facts(robot: Robot, gains: Gains) -> dict[str, Any]:
+def gain_facts(robot: Robot, gains: Gains) -> Facts:
     """Return the gains for JSON."""
     pairs = zip(robot.joint_names, gains.gain.tolist(), gains.std_error.tolist(), strict=True)
     rows = [

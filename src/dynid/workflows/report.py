@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from dynid.answer import Answer, Answered, judged
+from dynid.answer import Answer, Answered, Facts, judged
 from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.judgement.rules import Judgement
@@ -40,10 +39,9 @@ class Report(Answered):
             write_text(Path(folder) / name, text)
         return [Path(folder) / name for name in texts]
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid report`` says."""
         return {
-            "schema": "dynid/report/1",
             "robot": self.robot,
             "verdict": [*self.judgement.sentences],
             "lights": {light.name: light.state for light in self.judgement.lights},

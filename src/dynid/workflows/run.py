@@ -11,15 +11,16 @@ from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from dynid import children
+from dynid.answer import Facts
+from dynid.arguments import no_such
 from dynid.disk import write_text
-from dynid.errors import ExitStatus, PackageMissing, SchedulerSilent, WrongUsage
+from dynid.errors import ExitStatus, PackageMissing, SchedulerSilent
 from dynid.files.batchfile import Job, folder_name, read_batch
 from dynid.options import Options, option
 from dynid.runs import RunFolder
-from dynid.text import closest, shell
+from dynid.text import shell
 
 #: How long a scheduler that does not answer is waited for [s]. evidence: none yet.
 PATIENCE = 30.0
@@ -50,8 +51,8 @@ def run(
     options: RunOptions,
     out: Path,
     words: list[str],
-    ended: Callable[[int, dict[str, Any]], None],
-) -> list[dict[str, Any]]:
+    ended: Callable[[int, Facts], None],
+) -> list[Facts]:
     """Do the jobs of a batch file and return the facts of each, in the order of the list.
 
     Args:
@@ -70,7 +71,7 @@ def run(
     jobs = read_batch(batch)
     names = [job.name for job in jobs]
     for name in set(options.only).difference(names):
-        raise WrongUsage(f"no job '{name}'{closest(name, names)}", fix=f"one of {', '.join(names)}")
+        raise no_such("no job", name, names)
     jobs = tuple(job for job in jobs if job.name in options.only or not options.only)
     pool = executor(options)
     calls = {pool.submit(run_job, job, out, words, Path.cwd()): job for job in jobs}
@@ -107,11 +108,11 @@ def executor(options: RunOptions) -> Executor:
     return pool
 
 
-def run_job(job: Job, out: Path, words: list[str], home: Path) -> dict[str, Any]:
+def run_job(job: Job, out: Path, words: list[str], home: Path) -> Facts:
     """Run the commands of a job in a working folder, up to the first that fails; write run.log, return the facts."""
     start, folder = time.perf_counter(), out / folder_name(job)
     worst, message, log = 0, "", ""
-    answers: dict[str, list[dict[str, Any]]] = {}
+    answers: dict[str, list[Facts]] = {}
     for name, *own in commands_of(job, folder):
         typed = (name, "--json", "--no-input", *words, *own)
         line = children.python("from dynid.__main__ import main; main()", *typed)
@@ -158,8 +159,8 @@ def facts_of(
     status: int,
     message: str = "",
     seconds: float = 0.0,
-    answers: dict[str, list[dict[str, Any]]] | None = None,
-) -> dict[str, Any]:
+    answers: dict[str, list[Facts]] | None = None,
+) -> Facts:
     """Return what is said of a job."""
     answers, folder = answers or {}, out / folder_name(job)
 

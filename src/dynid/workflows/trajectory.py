@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynid.answer import Answer, Answered, picked
+from dynid.answer import Answer, Answered, Facts, picked
 from dynid.arguments import public
 from dynid.arrays import Floats
 from dynid.disk import sha256
@@ -25,6 +24,7 @@ from dynid.estimation.result import Identification
 from dynid.files.artifact import reading
 from dynid.files.gapfile import read_record
 from dynid.files.planfile import Waypoints, read_plan, read_waypoints
+from dynid.files.robotfile import robot_text
 from dynid.files.trajectoryfile import (
     Review,
     StoredTrajectory,
@@ -104,7 +104,7 @@ class SafeMotion:
         return self.context.robot
 
     @property
-    def scene_facts(self) -> dict[str, Any]:
+    def scene_facts(self) -> Facts:
         """In which surroundings it was judged, and with which shapes of the arm; for ``dynid record``."""
         urdf = None if self.urdf is None else str(self.urdf.resolve())
         return {**self.context.options.scene.facts, "urdf": urdf}
@@ -141,7 +141,7 @@ class Plan(Answered, SafeMotion):
     alphas: tuple[AlphaRow, ...]
     noise_from: str
     weakest: str
-    search: dict[str, Any] | None
+    search: Facts | None
     review: Review | None = None
     outlook: tuple[str, ...] = ()
     unexplained: float | None = None
@@ -182,7 +182,7 @@ class Plan(Answered, SafeMotion):
         """Return the plan with the mark of the person at this machine, who has seen it, or accepts it unseen."""
         return replace(self, review=Review.now(self.motion, seen=seen))
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid trajectory`` says."""
         figures, distances = self.prediction.figures, self.clearance.distances
         errors = self.prediction.std_error
@@ -194,7 +194,6 @@ class Plan(Answered, SafeMotion):
             "limit_share": "share",
         }
         return {
-            "schema": "dynid/trajectory/1",
             "robot": self.robot.name,
             **picked(self.trajectory, "alpha", duration_s="duration"),
             **picked(figures, condition_number="condition", smallest_singular_value="smallest"),
@@ -229,11 +228,11 @@ class Plan(Answered, SafeMotion):
         """
         path, answer = Path(path), self.facts()
         endings = (".csv", ".yaml", "_ros2.yaml", "_ros2_goal.yaml")
-        texts = [path.with_name(f"{path.stem}{ending}") for ending in endings]
-        write_csv(texts[0], self.robot.joint_names, self.motion)
-        write_joint_trajectory(texts[1], self.robot, self.motion)
-        write_joint_trajectory(texts[2], self.robot, self.motion, ros=2)
-        write_joint_trajectory(texts[3], self.robot, self.motion, ros=2, goal=True)
+        table, ros1, ros2, goal = (path.with_name(f"{path.stem}{ending}") for ending in endings)
+        write_csv(table, self.robot.joint_names, self.motion)
+        write_joint_trajectory(ros1, self.robot, self.motion)
+        write_joint_trajectory(ros2, self.robot, self.motion, ros=2)
+        write_joint_trajectory(goal, self.robot, self.motion, ros=2, goal=True)
         stored = StoredTrajectory(
             robot=self.robot.name,
             joints=self.robot.joint_names,
@@ -247,30 +246,27 @@ class Plan(Answered, SafeMotion):
                 "inputs": dict(inputs or {}),
                 **picked(self.context.options, "seed", rate_hz="rate"),
                 "scene": self.scene_facts,
-                **{key: answer[key] for key in ("assumed_limits", "left_out_pairs")},
+                "assumed_limits": answer["assumed_limits"],
             },
         )
         write_trajectory(path, stored)
-        return [path, *texts]
+        return [path, table, ros1, ros2, goal]
 
     def table(self) -> Table:
         """Return the largest values of each joint, and the share of the nearest limit that they use."""
-        rows = []
-        for peak, joint in zip(self.check.peaks, self.robot.joints, strict=True):
-            row = picked(peak, "joint", "position", "velocity", "acceleration", "torque")
-            unit = "rad, s, N m" if joint.revolute else "m, s, N"
-            rows.append(row | {"unit": unit, "share": peak.share})
-        return Table(rows)
+        return Table(
+            [
+                picked(peak, "joint", "position", "velocity", "acceleration", "torque")
+                | {"unit": "rad, s, N m" if joint.revolute else "m, s, N", "share": peak.share}
+                for peak, joint in zip(self.check.peaks, self.robot.joints, strict=True)
+            ]
+        )
 
     def answer(self) -> Answer:
         """Return what ``dynid trajectory`` answers."""
-        facts, pictures = self.facts(), [("preview", str(x)) for x in self.clearance.pictures]
-        return Answer(
-            facts,
-            plan_sentence(self.robot, facts),
-            (*self.findings, self.table()),
-            notes=(*self.lines(), *pictures),
-        )
+        facts = self.facts()
+        said = plan_sentence(self.robot, facts)
+        return Answer(facts, said, (*self.findings, self.table()), notes=self.lines())
 
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""
@@ -280,18 +276,15 @@ class Plan(Answered, SafeMotion):
         slow = f"{run.duration:.1f} s at alpha {run.alpha:g} (speed x{run.alpha:g}, acceleration x{run.alpha**2:.2g})"
         most = max(peak.share for peak in self.check.peaks)
         used = f"all inside, at most {100 * most:.0f} % of them less their margin"
-        lines = [
-            ("plan", f"{kind}; {slow}"),
-            ("limits", f"{used}; tool up to {self.check.tool_speed:.2f} m/s"),
-        ]
+        limits = f"{used}; tool up to {self.check.tool_speed:.2f} m/s"
+        lines = [("plan", f"{kind}; {slow}"), ("limits", limits)]
         if self.search is not None:
             text = "{finished_starts} starts finished (end: {ended}); seed {seed}"
             lines.append(("search", text.format(**self.search)))
         for near in self.clearance.distances[:1]:
             size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
-            lines.append(
-                ("collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s")
-            )
+            nearest = f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
+            lines.append(("collision", nearest))
         if self.clearance.left_out and self.urdf is None:
             pairs = f"{', '.join(self.clearance.left_out)}; {thickness(self.robot)}"
             lines.append(("left out", f"always close to each other, so not checked: {pairs}"))
@@ -309,7 +302,7 @@ class Plan(Answered, SafeMotion):
             times = self.prediction.torque_error / full.torque_error
             text = f"at full speed {full.duration:.0f} s, and an expected torque error {times:.3g} times smaller"
             lines.append(("alpha", text))
-        return lines
+        return [*lines, *(("preview", str(picture)) for picture in self.clearance.pictures)]
 
 
 def torque_unit(robot: Robot) -> str:
@@ -342,9 +335,9 @@ def _torque_noise(
     """
     if given is not None:
         if len(given) not in (1, robot.n):
-            what = f"--noise '{','.join(f'{sigma:g}' for sigma in given)}'"
-            one = f"one positive number, or {robot.n} of them"
-            raise WrongUsage(f"{what} must be {one}", fix="such as --noise 0.1")
+            shown, wanted = ",".join(f"{sigma:g}" for sigma in given), "one positive number"
+            what = f"--noise '{shown}' must be {wanted}, or {robot.n} of them"
+            raise WrongUsage(what, fix="such as --noise 0.1")
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     if results:
         return sample_noise(results[0], rate), "as an earlier identification found it"
@@ -509,7 +502,7 @@ def _without_effects(base: BaseModel) -> BaseModel:
     return base_model(replace(base.robot, effects=()))
 
 
-def _predicted(context: PlanningContext, trajectory: Trajectory) -> dict[str, Any]:
+def _predicted(context: PlanningContext, trajectory: Trajectory) -> Facts:
     """Return what of a plan says what it will teach, by name."""
     base, noise, rate = context.base, context.noise, context.options.rate
     other, known = context.other, context.believed
@@ -603,9 +596,7 @@ def plan_inputs(
         options: what is wanted.
         files: further files by what they are; None for one that is not given.
     """
-    known = asdict(replace(robot, path=None, source="", findings=()))
-    text = json.dumps(known, sort_keys=True, default=str)
-    file = hashlib.sha256(text.encode()).hexdigest()
+    file = hashlib.sha256(robot_text(robot).encode()).hexdigest()
     hashes = {name: sha256(path) for name, path in files.items() if path is not None}
     return {"robot": robot.model_key, "robot file": file, **hashes, **options.texts()}
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.answer import Answer, Judged, judged, picked
+from dynid.answer import Answer, Facts, Judged, judged, picked
 from dynid.arguments import public
 from dynid.arrays import Floats
 from dynid.errors import SameRecording
@@ -144,7 +144,7 @@ class Validation(Judged):
         joints = (self.robot.joint_name(joint),)
         return motion_figure(self.motion, self.robot, joints, self.title, residual_only=True)
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid validate`` says."""
         keys = {
             "rms_nm": "rms",
@@ -152,7 +152,6 @@ class Validation(Judged):
             "baseline_rms_nm": "baseline_rms",
         }
         answer = {
-            "schema": "dynid/validate/1",
             "robot": self.robot.name,
             **picked(self, "relative_error_percent", "same_motion", "baseline"),
             **picked(self, expected_relative_error_percent="expected_percent", cutoff_hz="cutoff"),
@@ -160,7 +159,7 @@ class Validation(Judged):
             "judgement": self.judgement.facts(),
             "passed": not self.broken,
         }
-        facts: dict[str, Any] = in_amperes(answer, self.robot)
+        facts: Facts = in_amperes(answer, self.robot)
         return facts
 
     def folder(self, parent: Path) -> Path:
