@@ -95,14 +95,18 @@ JOBS = {
 }
 
 
-@dynid_command("toy", examples=("dynid toy ask P1",), repeatable=True)
+@dynid_command("toy", repeatable=True)
 @click.argument("job", type=click.Choice(list(JOBS)))
 @click.argument("word", required=False)
 @click.option("--given/--not-given", default=None, help="Answer of the question.")
 @click.option("--samples", type=int, default=200, help="A number.")
 @click.option("--move", allow_from_autoenv=False, help="The robot's name.")
 def command(session, job, **words):
-    """Do one of the jobs of the tests."""
+    """Do one of the jobs of the tests.
+
+    Examples:
+      dynid toy ask P1
+    """
     return JOBS[job](session=session, **words) or Answer({})
 
 

@@ -60,10 +60,6 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
 
 @dynid_command(
     "doctor",
-    examples=(
-        "dynid doctor               what works and what does not",
-        "dynid doctor --config      each option's value",
-    ),
     config=click.option(
         "--config",
         type=TYPES["Path"],
@@ -77,7 +73,12 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
     ),
 )
 def doctor_command(session: Session) -> Answer:
-    """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration."""
+    """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration.
+
+    Examples:
+      dynid doctor               what works and what does not
+      dynid doctor --config      each option's value
+    """
     config = click.get_current_context().meta["dynid.config"]
     if config is not None:
         shown = list(sources(None if config == SHOW else config))
@@ -86,16 +87,15 @@ def doctor_command(session: Session) -> Answer:
     return workflows.doctor.doctor()
 
 
-@dynid_command(
-    "explain",
-    examples=(
-        "dynid explain              all codes and pages",
-        "dynid explain E307         a code",
-        "dynid explain robot-file   a page: every key of a robot file",
-    ),
-)
+@dynid_command("explain")
 def explain_command(session: Session, *, word: str | None = None) -> Answer:
-    """Say what an error or warning code means and how to get rid of it, or show a page of the documentation."""
+    """Say what an error or warning code means and how to get rid of it, or show a page of the documentation.
+
+    Examples:
+      dynid explain              all codes and pages
+      dynid explain E307         a code
+      dynid explain robot-file   a page: every key of a robot file
+    """
     if word is None:
         lines = [
             *((each, summary(each)) for each in codes()),
@@ -116,17 +116,16 @@ def explain_command(session: Session, *, word: str | None = None) -> Answer:
     raise no_such("no code or page", word, [*codes(), *pages()], "dynid explain")
 
 
-@dynid_command(
-    "completion",
-    examples=(
-        'eval "$(dynid completion bash)"                                   in ~/.bashrc',
-        'eval "$(dynid completion zsh)"                                    in ~/.zshrc',
-        "dynid completion fish > ~/.config/fish/completions/dynid.fish",
-    ),
-)
+@dynid_command("completion")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion_command(session: Session, shell: str) -> Answer:
-    """Print the completion script of a shell."""
+    """Print the completion script of a shell.
+
+    Examples:
+      eval "$(dynid completion bash)"                                   in ~/.bashrc
+      eval "$(dynid completion zsh)"                                    in ~/.zshrc
+      dynid completion fish > ~/.config/fish/completions/dynid.fish
+    """
     made, root = get_completion_class(shell), click.get_current_context().find_root().command
     assert made is not None
     script = made(root, {}, "dynid", "_DYNID_COMPLETE").source()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from inspect import cleandoc
 from typing import Any, NamedTuple
 
 #: What every help is like.
@@ -80,6 +80,6 @@ def command_of(name: str) -> Any:  # noqa: ANN401
     return IMPORTED[name]
 
 
-def shown(text: str, examples: Sequence[str]) -> str:
+def shown(docstring: str | None) -> str:
     """Return the help of a command: what it does, and examples, which click does not fold."""
-    return "\n".join([text, "", "\b", "Examples:", *(f"  {line}" for line in examples)])
+    return cleandoc(str(docstring)).replace("Examples:", "\b\nExamples:")

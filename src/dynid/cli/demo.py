@@ -26,14 +26,7 @@ ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
 KINEMATICS = ("position", "velocity", "acceleration")
 
 
-@dynid_command(
-    "demo",
-    examples=(
-        "dynid demo",
-        "dynid demo --robot kinova_gen2",
-        "dynid demo --effect random --seed 3",
-    ),
-)
+@dynid_command("demo")
 def command(
     session: Session,
     *,
@@ -44,7 +37,13 @@ def command(
         None, "Hide an effect in the simulated LWR4+, find it and add it.", metavar="NAME|random"
     ),
 ) -> Answer:
-    """Run all four loops on a simulated arm with known parameters, and show them on one page."""
+    """Run all four loops on a simulated arm with known parameters, and show them on one page.
+
+    Examples:
+      dynid demo
+      dynid demo --robot kinova_gen2
+      dynid demo --effect random --seed 3
+    """
     top, told = session.out or Path("out/demo"), list[str | Path]()
     if effect:
         return find_hidden(session, told, effect, session.out or top / "effect")

@@ -28,14 +28,7 @@ if TYPE_CHECKING:
     from dynid.workflows.gap import Gap
 
 
-@dynid_command(
-    "gap",
-    examples=(
-        "dynid gap out/arm a.bag a_again.bag b.bag b_again.bag c.bag",
-        "dynid gap out/arm new.bag --ask changed        what has changed since it was identified?",
-        "dynid gap out/arm a.bag b.bag --apply best     add the named effects",
-    ),
-)
+@dynid_command("gap")
 @click.option(
     "--apply",
     is_flag=False,
@@ -54,7 +47,13 @@ def command(
     new_name: Output | None = option(None, "Path of the copy of the robot file with the effects."),
     plot: bool = option(True, "Draw the pictures.", pair=True),
 ) -> Answer:
-    """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
+    """Find which effect the model lacks, add it, and show how much smaller the error becomes.
+
+    Examples:
+      dynid gap out/arm a.bag a_again.bag b.bag b_again.bag c.bag
+      dynid gap out/arm new.bag --ask changed        what has changed since it was identified?
+      dynid gap out/arm a.bag b.bag --apply best     add the named effects
+    """
     if apply and no_apply:
         raise WrongUsage("--apply and --no-apply exclude each other", fix="leave one of them out")
     run = RunFolder.of(parameters.path)

@@ -33,14 +33,7 @@ if TYPE_CHECKING:
     from dynid.workflows.model import DerivedModel
 
 
-@dynid_command(
-    "model",
-    examples=(
-        "dynid model kinova_gen2                      derive, ask, reduce",
-        "dynid model my_arm.yaml --gravity 9.81,0,0   the same arm on a wall",
-        "dynid model kuka_lwr4plus --json | jq .rank",
-    ),
-)
+@dynid_command("model")
 @click.option(
     "--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function."
 )
@@ -62,7 +55,13 @@ def model_command(
     latex: bool = option(False, "Print the regressor as LaTeX."),
     python: bool,
 ) -> Answer:
-    """Derive the regressor of an arm from its DH table and group it into base parameters."""
+    """Derive the regressor of an arm from its DH table and group it into base parameters.
+
+    Examples:
+      dynid model kinova_gen2                      derive, ask, reduce
+      dynid model my_arm.yaml --gravity 9.81,0,0   the same arm on a wall
+      dynid model kuka_lwr4plus --json | jq .rank
+    """
     while True:
         derived = derive(session, workflows.model.adapted(robot, options), rebuild)
         if latex or python or groups:
@@ -128,14 +127,7 @@ def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> A
     )
 
 
-@dynid_command(
-    "parameters",
-    repeatable=True,
-    examples=(
-        "dynid parameters kuka_lwr4plus run.bag             stack, ask, identify",
-        "dynid parameters kuka_lwr4plus a.bag b.bag --cutoff 8",
-    ),
-)
+@dynid_command("parameters", repeatable=True)
 def parameters_command(
     session: Session,
     *,
@@ -144,30 +136,38 @@ def parameters_command(
     options: LogOptions,
     identify: bool | None = option(None, "Identify afterwards without asking.", pair=True),
 ) -> Answer:
-    """Filter logs, stack the base regressor over them, and say what they excite."""
+    """Filter logs, stack the base regressor over them, and say what they excite.
+
+    Examples:
+      dynid parameters kuka_lwr4plus run.bag             stack, ask, identify
+      dynid parameters kuka_lwr4plus a.bag b.bag --cutoff 8
+    """
+    again = False
     while True:
-        answer = stacked(session, robot, logs, options)
+        answer = stacked(session, robot, logs, options, again=again)
         session.show(answer)
         reply = ask(session, "P5", given=identify)
         if reply != "retry":
             break
         cutoff: Any = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
-        options, session = replace(options, cutoff=cutoff), replace(session, force=True)
+        options, again = replace(options, cutoff=cutoff), True
     steps = [Step("", f"dynid identify {robot.word}")]
     if reply == "yes":
         out = session.folder(robot.slug)
         identified = invoke(session, "identify", robot.source, "-o", out)
         steps = [Step(**each) for each in identified["judgement"]["next"]]
-    return Answer({**answer.facts, "wrote": answer.wrote}, next=steps)
+    return Answer(answer.facts, next=steps)
 
 
-def stacked(session: Session, robot: Robot, logs: tuple[Path, ...], options: LogOptions) -> Answer:
-    """Stack logs, and write fullnumericregressor.npz and estimatedmotion.npz."""
+def stacked(
+    session: Session, robot: Robot, logs: tuple[Path, ...], options: LogOptions, *, again: bool
+) -> Answer:
+    """Stack logs, and write fullnumericregressor.npz and estimatedmotion.npz, again without asking."""
     folder, work = session.folder(robot.slug), workflows.parameters
     path, wrote = RunFolder(folder).stack, []
     inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
     base = workflows.model.base_model(robot, folder)
-    if may_write(session, path, inputs):
+    if again or may_write(session, path, inputs):
         seen = work.observe(robot, logs, options, base=base)
         wrote = seen.save(folder, session.header(inputs))
         write_run(folder, inputs)
@@ -179,18 +179,7 @@ def stacked(session: Session, robot: Robot, logs: tuple[Path, ...], options: Log
 Limit = tuple[str, str, float]
 
 
-@dynid_command(
-    "identify",
-    repeatable=True,
-    examples=(
-        "dynid identify kuka_lwr4plus run.bag",
-        "dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag",
-        "dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus",
-        "dynid identify kuka_lwr4plus new.bag --update out/kuka_lwr4plus",
-        "dynid identify my_arm currents.npz --loaded loaded.npz --load-mass 2.5      gains of the drives",
-        "dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI",
-    ),
-)
+@dynid_command("identify", repeatable=True)
 def identify_command(
     session: Session,
     *,
@@ -207,7 +196,16 @@ def identify_command(
         repeatable=True,
     ),
 ) -> Answer:
-    """Identify the base parameters of an arm by least squares."""
+    """Identify the base parameters of an arm by least squares.
+
+    Examples:
+      dynid identify kuka_lwr4plus run.bag
+      dynid identify kuka_lwr4plus a.bag b.bag --holdout c.bag
+      dynid identify kuka_lwr4plus loaded.bag --payload-from out/kuka_lwr4plus
+      dynid identify kuka_lwr4plus new.bag --update out/kuka_lwr4plus
+      dynid identify my_arm currents.npz --loaded loaded.npz --load-mass 2.5      gains of the drives
+      dynid identify kuka_lwr4plus run.bag --fail-if 'max_rms_nm > 1.5'      for CI
+    """
     limits = [parsed_limit(text) for text in fail_if]
     models = session.folder(robot.slug)
     folder = models if extras.payload_from is None else models.with_name(f"{models.name}_loaded")

@@ -19,12 +19,14 @@ from dynid.cli.commands import COMMANDS, CONTEXT, command_of, shown
 from dynid.errors import EXIT_MEANING, ExitStatus
 from dynid.version import __version__
 
-EXAMPLES = (
-    "dynid                              the map of the loops",
-    "dynid model kinova_gen2            base regressor of a bundled arm",
-    "dynid check my_arm.yaml            look for mistakes in a robot file",
-    "dynid help COMMAND                 the same as dynid COMMAND -h",
-)
+HELP = """Identify the dynamic parameters of a robot arm.
+
+Examples:
+  dynid                              the map of the loops
+  dynid model kinova_gen2            base regressor of a bundled arm
+  dynid check my_arm.yaml            look for mistakes in a robot file
+  dynid help COMMAND                 the same as dynid COMMAND -h
+"""
 
 
 class LazyGroup(click.Group):
@@ -86,7 +88,7 @@ def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     cls=LazyGroup,
     invoke_without_command=True,
     context_settings=CONTEXT,
-    help=shown("Identify the dynamic parameters of a robot arm.", EXAMPLES),
+    help=shown(HELP),
     epilog="Each command has more options: dynid COMMAND -h. Docs: docs/index.md, or dynid explain PAGE",
 )
 @click.option(

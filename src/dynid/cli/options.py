@@ -3,9 +3,10 @@
 Top-level keys of a configuration file set an option for every command; a key that is a command's name holds that
 command's options. ``./dynid.yaml`` wins over the user's file, and ``--config FILE`` stands in for both.
 
-A command is a function ``command(session, *, ...)`` under ``@dynid_command("name", examples=(...))``. Its signature is
-its command line: an ``Options`` dataclass stands for its fields, a parameter with ``option(...)`` is an option, any
-other one an argument, optional where it has a default. It returns an ``Answer``, which only this module prints.
+A command is a function ``command(session, *, ...)`` under ``@dynid_command("name")``. Its docstring is its help, its
+signature its command line: an ``Options`` dataclass stands for its fields, a parameter with ``option(...)`` is an
+option, any other one an argument, optional where it has a default. It returns an ``Answer``, which only this module
+prints.
 """
 
 from __future__ import annotations
@@ -80,11 +81,9 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
     facts |= {"default": each.default, "help": said.help, "metavar": said.metavar or None}
     facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
     facts["show_default"] = said.nothing if each.default is None else None
-    facts["type"] = type_of(each.type)
+    facts |= {"type": type_of(each.type), "is_flag": isinstance(each.default, bool) or None}
     if said.pair:
         flag += f"/{said.off or '--no-' + flag[2:]}"
-    elif isinstance(each.default, bool):
-        facts["is_flag"] = True
     elif said.choices:
         facts["type"] = click.Choice(said.choices)
     elif said.bounds != (None, None):
@@ -246,7 +245,6 @@ CONFIG_OPTION = click.option(
 def dynid_command(
     name: str,
     *,
-    examples: Sequence[str] = (),
     repeatable: bool = False,
     without: Sequence[str] = (),
     config: Decorator = CONFIG_OPTION,
@@ -255,7 +253,6 @@ def dynid_command(
 
     Args:
         name: name of the command.
-        examples: lines for the help.
         repeatable: whether it has ``--from run.yaml``; such a command calls ``write_run``.
         without: fields of its options that it does not offer.
         config: stands in for the common option --config.
@@ -279,8 +276,7 @@ def dynid_command(
             with session, heard_by(session.progress):
                 answer: Answer = function(session, **arguments(session, kinds, values))
                 session.show(answer)
-                facts = {"schema": f"dynid/{name}/1", **answer.facts}
-                facts["wrote"] = [*answer.facts.get("wrote", ()), *answer.wrote]
+                facts = {"schema": f"dynid/{name}/1", **answer.facts, "wrote": session.written}
                 if ctx.obj is not None:
                     return facts
                 if session.json:
@@ -291,10 +287,9 @@ def dynid_command(
         common_line = [declared_option(each, is_eager=True) for each in fields(Session)]
         for each in reversed([*[FROM_OPTION] * repeatable, config, *common_line, *own_line]):
             decorated = each(decorated)
-        text, docs = shown(str(function.__doc__), examples), f"docs/reference/cli.md#dynid-{name}"
-        epilog = f"Docs: {docs}, or dynid explain"
+        epilog = f"Docs: docs/reference/cli.md#dynid-{name}, or dynid explain"
         kind: Any = partial(click.command, cls=Command, context_settings=CONTEXT, epilog=epilog)
-        command: Command = kind(name, help=text)(decorated)
+        command: Command = kind(name, help=shown(function.__doc__))(decorated)
         # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
         for key, option in keys_of(command).items():
             own = f"DYNID_{name}_{key}".upper().replace("-", "_")

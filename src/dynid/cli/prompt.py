@@ -80,9 +80,16 @@ QUESTIONS: dict[str, Question] = {
 }
 
 
+def obstacle(session: Session) -> str:
+    """Return why nobody can be asked; empty where a person sits at the terminal and wants to be."""
+    if session.no_input:
+        return "--no-input"
+    return "" if is_terminal(sys.stdin) and is_terminal(sys.stderr) else "no terminal"
+
+
 def can_ask(session: Session) -> bool:
     """Return whether a person sits at the terminal and wants to be asked."""
-    return not session.no_input and is_terminal(sys.stdin) and is_terminal(sys.stderr)
+    return not obstacle(session)
 
 
 def ask(session: Session, id: str, *, given: bool | None = None, **fill: object) -> Reply:
@@ -98,12 +105,10 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
     if given is not None:
         return "yes" if given else "no"
     text, letters = question.text.format(**fill), "/".join(question.choices)
-    answer, reason = question.unasked, "end of input"
+    answer, reason = question.unasked, obstacle(session)
     if session.yes:
         answer, reason = question.yes, "-y"
-    elif not can_ask(session):
-        reason = _reason(session)
-    else:
+    if not reason:
         note = f"  {question.note}  " if question.note else ""
         usual = "".join(letter.lower() for letter in question.choices if letter.isupper())
         while (line := _read_line(session, f"? {text} [{letters}] {note}")) is not None:
@@ -113,12 +118,9 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
                     return each
             session.say(f"  answer with one of {', '.join(question.choices.lower())}")
     shown = question.unasked_text if answer == "no" else answer
-    session.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2)
+    why = f"not asked: {reason or 'end of input'}; set with {question.flag}"
+    session.say(f"? {text} -> {shown} ({why})", indent=2)
     return answer
-
-
-def _reason(session: Session) -> str:
-    return "--no-input" if session.no_input else "no terminal"
 
 
 def confirm(session: Session, robot: str, given: str | None) -> None:
@@ -134,16 +136,13 @@ def confirm(session: Session, robot: str, given: str | None) -> None:
         WrongUsage: the option names something else.
         Declined: the person typed something else.
     """
-    question, option, why = (
-        "type the robot's name to start",
-        shell("--move", robot),
-        "the arm was not moved",
-    )
+    question, option = "type the robot's name to start", shell("--move", robot)
+    why, reason = "the arm was not moved", obstacle(session)
     if given is None:
-        line = _read_line(session, f"{question}: ") if can_ask(session) else None
+        line = None if reason else _read_line(session, f"{question}: ")
         if line is None:
-            reason = "end of input" if can_ask(session) else _reason(session)
-            raise CannotAsk(f'cannot ask "{question}": {reason}', fix=f"add {option}")
+            what = f'cannot ask "{question}": {reason or "end of input"}'
+            raise CannotAsk(what, fix=f"add {option}")
         if line.strip() != robot:
             raise Declined(f"'{visible(line.strip())}' is not '{robot}'", why=why)
     elif given != robot:

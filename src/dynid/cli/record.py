@@ -59,15 +59,7 @@ class TerminalOperator:
         return key_pressed(self.session)
 
 
-@dynid_command(
-    "record",
-    examples=(
-        "dynid record kinova_gen2 out/kinova_gen2/trajectory.npz --dry-run      checks only, sends nothing",
-        "dynid record kinova_gen2 out/kinova_gen2/trajectory.npz --speed 50%    asks for the robot's name, then moves",
-        "dynid record kuka_lwr4plus --listen-only --duration 60                 another program moves the arm",
-        "dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz     an arm to rehearse with",
-    ),
-)
+@dynid_command("record")
 def command(
     session: Session,
     *,
@@ -83,7 +75,14 @@ def command(
         metavar="RESULT",
     ),
 ) -> Answer:
-    """Play a reviewed trajectory on the arm and record what its driver publishes."""
+    """Play a reviewed trajectory on the arm and record what its driver publishes.
+
+    Examples:
+      dynid record kinova_gen2 out/kinova_gen2/trajectory.npz --dry-run      checks only, sends nothing
+      dynid record kinova_gen2 out/kinova_gen2/trajectory.npz --speed 50%    asks for the robot's name, then moves
+      dynid record kuka_lwr4plus --listen-only --duration 60                 another program moves the arm
+      dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz     an arm to rehearse with
+    """
     if options.move is not None:
         # Why before anything is looked for: it may name another arm.
         confirm(session, robot.slug, options.move)
@@ -123,7 +122,7 @@ def ended(session: Session, done: Recording, outcome: Outcome, convert: bool | N
     else:
         check = f"dynid check {shell(bag)} --robot {robot.word} --convert"
         steps.insert(0, Step("", check))
-    return Answer({**done.facts(), "wrote": done.files}, wrote=made, next=steps)
+    return Answer(done.facts(), wrote=made, next=steps)
 
 
 def show(session: Session, done: Recording, outcome: Outcome) -> None:

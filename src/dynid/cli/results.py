@@ -39,14 +39,7 @@ if TYPE_CHECKING:
     from dynid.workflows.files import Checked
 
 
-@dynid_command(
-    "validate",
-    examples=(
-        "dynid validate out/kuka_lwr4plus other.bag",
-        "dynid validate out/arm other.bag --max-unexplained 5%     exit 1 when worse",
-        "dynid validate out/arm other.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
-    ),
-)
+@dynid_command("validate")
 def validate_command(
     session: Session,
     *,
@@ -59,7 +52,13 @@ def validate_command(
     ),
     plot: bool = option(True, "Draw the figures.", pair=True),
 ) -> Answer:
-    """Compare predicted with measured torques on a recording that was not used to identify."""
+    """Compare predicted with measured torques on a recording that was not used to identify.
+
+    Examples:
+      dynid validate out/kuka_lwr4plus other.bag
+      dynid validate out/arm other.bag --max-unexplained 5%     exit 1 when worse
+      dynid validate out/arm other.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun
+    """
     if mcap is not None:
         may_write(session, mcap)
     validation = dynid.validate(parameters, log, options)
@@ -71,14 +70,7 @@ def validate_command(
     return replace(validation.answer(), wrote=wrote)
 
 
-@dynid_command(
-    "compare",
-    examples=(
-        "dynid compare out/a out/b out/c                              one table",
-        "dynid compare out/now --baseline out/january                 exit 1 when parameters changed significantly",
-        "dynid compare out/now --baseline expected --tolerance 1%     exit 1 when a number moved by more: for CI",
-    ),
-)
+@dynid_command("compare")
 def compare_command(
     session: Session,
     *,
@@ -89,7 +81,13 @@ def compare_command(
     latex: Output | None = option(None, "Write a LaTeX table."),
     junit: Output | None = option(None, "Write a JUnit XML report."),
 ) -> Answer:
-    """Compare identification results: one table, drift of an arm, regression against a baseline."""
+    """Compare identification results: one table, drift of an arm, regression against a baseline.
+
+    Examples:
+      dynid compare out/a out/b out/c                              one table
+      dynid compare out/now --baseline out/january                 exit 1 when parameters changed significantly
+      dynid compare out/now --baseline expected --tolerance 1%     exit 1 when a number moved by more: for CI
+    """
     comparison = dynid.compare(runs, baseline=baseline, tolerance=options.tolerance)
     files = {csv: comparison.csv, latex: comparison.latex, junit: comparison.junit}
     wrote = [path for path in files if path is not None]
@@ -98,20 +96,19 @@ def compare_command(
     return replace(comparison.answer(), wrote=wrote)
 
 
-@dynid_command(
-    "report",
-    examples=(
-        "dynid report out/kuka_lwr4plus               writes report.html and summary.md there",
-        "dynid report out/kuka_lwr4plus --open        and shows it in the browser",
-    ),
-)
+@dynid_command("report")
 def report_command(
     session: Session,
     *,
     run: Identification,
     open: bool = option(False, "Open it in the browser.", pair=True),
 ) -> Answer:
-    """Make the report of a result again."""
+    """Make the report of a result again.
+
+    Examples:
+      dynid report out/kuka_lwr4plus               writes report.html and summary.md there
+      dynid report out/kuka_lwr4plus --open        and shows it in the browser
+    """
     made = workflows.report.report(run)
     wrote = made.save(session.out or run.path.parent)
     if open:
@@ -119,15 +116,7 @@ def report_command(
     return replace(made.answer(), wrote=wrote)
 
 
-@dynid_command(
-    "export",
-    examples=(
-        "dynid export out/kuka_lwr4plus --format urdf",
-        "dynid export out/kuka_lwr4plus --format urdf --urdf lwr.urdf       your own file, new inertial blocks",
-        "dynid export out/kuka_lwr4plus --format c --format python",
-        "dynid export out/kuka_lwr4plus --format mjcf --draws 100       arms for randomisation",
-    ),
-)
+@dynid_command("export")
 @click.option(
     "--format",
     type=click.Choice([*FORMATS, "all"]),
@@ -138,7 +127,14 @@ def report_command(
 def export_command(
     session: Session, *, run: Identification, format: tuple[str, ...], options: ExportOptions
 ) -> Answer:
-    """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB."""
+    """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB.
+
+    Examples:
+      dynid export out/kuka_lwr4plus --format urdf
+      dynid export out/kuka_lwr4plus --format urdf --urdf lwr.urdf       your own file, new inertial blocks
+      dynid export out/kuka_lwr4plus --format c --format python
+      dynid export out/kuka_lwr4plus --format mjcf --draws 100       arms for randomisation
+    """
     made = workflows.export.export(
         run,
         session.out or run.path.parent,
@@ -154,16 +150,7 @@ def export_command(
 FILTERING = ("cutoff", "velocity", "delay")
 
 
-@dynid_command(
-    "check",
-    without=FILTERING,
-    examples=(
-        "dynid check my_arm.yaml                           a robot file",
-        "dynid check log.bag --robot my_arm.yaml           a log of that arm",
-        "dynid check log.bag --robot my_arm --convert      the same, and write out/my_arm/log.npz",
-        "dynid check out/my_arm/parameters.npz             the header of a result",
-    ),
-)
+@dynid_command("check", without=FILTERING)
 def check_command(
     session: Session,
     *,
@@ -176,7 +163,14 @@ def check_command(
     fix: bool = option(False, "Write log.npz after the repairs that lose nothing, and list them."),
     strict: bool = option(False, "Exit with 1 when there are warnings."),
 ) -> Answer:
-    """Look for mistakes in robot files, logs and results."""
+    """Look for mistakes in robot files, logs and results.
+
+    Examples:
+      dynid check my_arm.yaml                           a robot file
+      dynid check log.bag --robot my_arm.yaml           a log of that arm
+      dynid check log.bag --robot my_arm --convert      the same, and write out/my_arm/log.npz
+      dynid check out/my_arm/parameters.npz             the header of a result
+    """
     arm = dynid.load_robot(robot) if robot else None
     checks = workflows.files.check(paths, arm, options)
     wrote = [written(session, each, options, fix) if convert or fix else [] for each in checks]
@@ -195,14 +189,7 @@ def written(session: Session, checked: Checked, options: LogOptions, fix: bool) 
     return [log.save(target, session.header(inputs))]
 
 
-@dynid_command(
-    "convert",
-    without=(*FILTERING, "exclude", "anyway", "sort_time"),
-    examples=(
-        "dynid convert recording/ -o run.csv                a folder of rosbag2 as a table",
-        "dynid convert lab.csv --robot my_arm.yaml -o run.npz",
-    ),
-)
+@dynid_command("convert", without=(*FILTERING, "exclude", "anyway", "sort_time"))
 def convert_command(
     session: Session,
     *,
@@ -213,7 +200,12 @@ def convert_command(
     ),
     options: LogOptions,
 ) -> Answer:
-    """Write a recording as .npz or .csv; every number stays as it was recorded."""
+    """Write a recording as .npz or .csv; every number stays as it was recorded.
+
+    Examples:
+      dynid convert recording/ -o run.csv                a folder of rosbag2 as a table
+      dynid convert lab.csv --robot my_arm.yaml -o run.npz
+    """
     target = to or session.out
     if target is None:
         fix = shell("dynid", "convert", log, "-o", f"{log.stem}.npz")
@@ -223,21 +215,19 @@ def convert_command(
     return workflows.files.convert(log, target, arm, options)
 
 
-@dynid_command(
-    "import",
-    examples=(
-        "dynid import ur5.urdf                                          writes out/ur5/ur5.yaml",
-        "dynid import tiago.urdf --base torso_lift_link --tip arm_7_link    one arm of many",
-        "dynid import panda.urdf --convention modified",
-    ),
-)
+@dynid_command("import")
 def import_command(session: Session, *, urdf: Input, options: ImportOptions) -> Answer:
-    """Make a robot file from a URDF: DH table, limits, inertias as prior."""
+    """Make a robot file from a URDF: DH table, limits, inertias as prior.
+
+    Examples:
+      dynid import ur5.urdf                                          writes out/ur5/ur5.yaml
+      dynid import tiago.urdf --base torso_lift_link --tip arm_7_link    one arm of many
+      dynid import panda.urdf --convention modified
+    """
     text, answer = workflows.files.import_urdf(urdf, options)
     path = session.folder(urdf.stem) / f"{urdf.stem}.yaml"
     write_once(session, path, text)
-    facts = {**answer.facts, "wrote": [path]}
-    return replace(answer, facts=facts, next=[Step("", shell("dynid", "check", path))])
+    return replace(answer, next=[Step("", shell("dynid", "check", path))])
 
 
 #: What the table of jobs shows of each.
@@ -250,15 +240,7 @@ COLUMNS = {
 }
 
 
-@dynid_command(
-    "run",
-    examples=(
-        "dynid run batch.yaml                         all jobs of the list, done ones are not done again",
-        "dynid run batch.yaml --junit results.xml     for continuous integration",
-        "dynid run batch.yaml --scheduler tcp://host:8786     on the workers of a Dask scheduler",
-        "dynid run batch.yaml --json-lines | jq .name         follow the jobs as they end",
-    ),
-)
+@dynid_command("run")
 def run_command(
     session: Session,
     *,
@@ -267,7 +249,14 @@ def run_command(
     junit: Output | None = option(None, "Write a JUnit XML report."),
     json_lines: bool = option(False, "Print one line of JSON for each job, when it ends."),
 ) -> Answer:
-    """Identify, validate and compare many recordings from one YAML list."""
+    """Identify, validate and compare many recordings from one YAML list.
+
+    Examples:
+      dynid run batch.yaml                         all jobs of the list, done ones are not done again
+      dynid run batch.yaml --junit results.xml     for continuous integration
+      dynid run batch.yaml --scheduler tcp://host:8786     on the workers of a Dask scheduler
+      dynid run batch.yaml --json-lines | jq .name         follow the jobs as they end
+    """
     if json_lines and session.json:
         raise WrongUsage("--json-lines and --json are two forms of one answer", fix="give one")
     number = count(1)

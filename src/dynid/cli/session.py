@@ -161,8 +161,14 @@ class Session(Options):
         indent = None if name in COPYABLE else LABEL
         self.say(f"{name:<{LABEL}}{text}", indent=indent, shown=shown and not self.quiet)
 
+    @cached_property
+    def written(self) -> list[Path]:
+        """What was written, for the JSON answer."""
+        return []
+
     def wrote(self, *paths: Path, note: str = "") -> None:
         """Say what was written."""
+        self.written.extend(paths)
         for path in paths:
             self.stage("wrote", f"{path}{f'       ({note})' * bool(note)}")
 

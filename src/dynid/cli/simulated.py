@@ -27,15 +27,7 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
 
 
-@dynid_command(
-    "simulate",
-    examples=(
-        "dynid simulate ur5e out/ur5e/trajectory.npz",
-        "dynid simulate my_arm.yaml trajectory.npz --payload 2 --delay 0.004",
-        "dynid simulate my_arm.yaml trajectory.npz --effect torque_offset@2:c=3",
-        "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log",
-    ),
-)
+@dynid_command("simulate")
 @TIP
 @click.option(
     "--engine",
@@ -57,7 +49,14 @@ def simulate_command(
         metavar="LOG",
     ),
 ) -> Answer:
-    """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
+    """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed.
+
+    Examples:
+      dynid simulate ur5e out/ur5e/trajectory.npz
+      dynid simulate my_arm.yaml trajectory.npz --payload 2 --delay 0.004
+      dynid simulate my_arm.yaml trajectory.npz --effect torque_offset@2:c=3
+      dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log
+    """
     if compare is not None:
         return compared(session, Path(robot), trajectory, compare)
     arm = dynid.load_robot(robot, tip=tip)
@@ -81,16 +80,15 @@ def compared(session: Session, before: Path, after: Path, log: Path) -> Answer:
     return replace(gap.answer(), wrote=wrote)
 
 
-@dynid_command(
-    "sim-driver",
-    examples=(
-        "rosmaster --core &                       a ROS master, if none runs",
-        "dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz",
-        "dynid sim-driver kuka_lwr4plus --rate 200 --torque-noise 0.1 --latency 0.005",
-    ),
-)
+@dynid_command("sim-driver")
 def sim_driver_command(session: Session, *, robot: Robot, options: SimDriverOptions) -> Answer:
-    """Simulate an arm behind its driver's topics, in real time."""
+    """Simulate an arm behind its driver's topics, in real time.
+
+    Examples:
+      rosmaster --core &                       a ROS master, if none runs
+      dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz
+      dynid sim-driver kuka_lwr4plus --rate 200 --torque-noise 0.1 --latency 0.005
+    """
     # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     raise_priority()

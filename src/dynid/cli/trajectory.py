@@ -88,17 +88,7 @@ def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) 
 ALPHA = click.FloatRange(0, 1, min_open=True)
 
 
-@dynid_command(
-    "trajectory",
-    without=("processes",),
-    examples=(
-        "dynid trajectory kinova_gen2                     search, preview, ask; alpha 0.2 for the first run",
-        "dynid trajectory kuka_lwr4plus --alpha 1 --duration 10 --segments 5",
-        "dynid trajectory my_arm.yaml --from-waypoints points.csv",
-        "dynid trajectory kinova_gen2 --for-gap out/kinova_gen2/gap.npz -o next          the next experiment",
-        "dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz",
-    ),
-)
+@dynid_command("trajectory", without=("processes",))
 @click.argument(
     "plan", required=False, metavar="[PLAN.yaml]", type=INPUT, is_eager=True, callback=take_options
 )
@@ -110,7 +100,15 @@ def command(
     options: PlanOptions,
     around: Surroundings,
 ) -> Answer:
-    """Plan an exciting motion, check limits and collisions, preview it, ask for approval."""
+    """Plan an exciting motion, check limits and collisions, preview it, ask for approval.
+
+    Examples:
+      dynid trajectory kinova_gen2                     search, preview, ask; alpha 0.2 for the first run
+      dynid trajectory kuka_lwr4plus --alpha 1 --duration 10 --segments 5
+      dynid trajectory my_arm.yaml --from-waypoints points.csv
+      dynid trajectory kinova_gen2 --for-gap out/kinova_gen2/gap.npz -o next          the next experiment
+      dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz
+    """
     work, path = workflows.trajectory, session.folder(robot.slug) / "trajectory.npz"
     waypoints, options = work.with_plan_file(plan, robot, options)
     if around.review is not None:
@@ -161,8 +159,8 @@ def saved(
     session.wrote(path, note=f"reviewed: {MARKS[seen]}")
     session.wrote(*wrote[1:])
     step = workflows.trajectory.next_step(planned.robot, path, reviewed=seen is not None)
-    facts = {"wrote": [*wrote, *pictures], "reviewed": seen is not None}
-    return Answer(marked.facts() | facts, next=[step])
+    session.written.extend(pictures)
+    return Answer(marked.facts() | {"reviewed": seen is not None}, next=[step])
 
 
 def reviewed(
@@ -174,17 +172,15 @@ def reviewed(
     motion = work.review_trajectory(
         robot, path, options, urdf=around.urdf, base=base, drawing=look.drawing
     )
-    pictures, wrote = motion.clearance.pictures, list[Path]()
     notice(motion.clearance.findings)
-    for picture in pictures:
+    session.written.extend(motion.clearance.pictures)
+    for picture in motion.clearance.pictures:
         session.stage("preview", str(picture))
     if asked(session, motion, look) == "yes":
         seen = look.mark(motion)
         motion.accept(seen=seen)
         session.wrote(path, note=f"reviewed: {MARKS[seen]}")
-        wrote = [path]
-    answer = work.stored_answer(robot, path)
-    return replace(answer, sentence="", facts={**answer.facts, "wrote": [*wrote, *pictures]})
+    return replace(work.stored_answer(robot, path), sentence="")
 
 
 def asked(session: Session, motion: SafeMotion, look: View) -> Reply:

@@ -142,7 +142,6 @@ class ExportedModel(Answered):
             "origin": dict(full.origin),
             "findings": [asdict(finding) for finding in self.findings],
             "draws": [str(path) for path in self.drawn],
-            "wrote": [str(file.path) for file in self.files],
         }
 
     def answer(self) -> Answer:

@@ -79,7 +79,7 @@ class DerivedModel:
             **picked(self.model.robot, robot="name", n_joints="n", key="model_key"),
             "n_parameters": self.model.size,
             "operations": self.model.rigid.flops,
-            **picked(self, "seconds", "wrote"),
+            "seconds": self.seconds,
         }
         reduction = self.reduction
         if reduction is None:
