@@ -79,10 +79,10 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
     return called
 
 
-def no_such(what: str, word: str, known: Collection[str], fix: str = "") -> WrongUsage:
+def no_such(what: str, word: str, known: Collection[str], **said: str) -> WrongUsage:
     """Return the error for a word that is none of the known ones, which names the nearest of them."""
-    what = f"{what} '{word}'{closest(word, known)}"
-    return WrongUsage(what, fix=fix or f"one of {', '.join(known)}")
+    said = {"fix": f"one of {', '.join(known)}"} | said
+    return WrongUsage(f"{what} '{word}'{closest(word, known)}", **said)
 
 
 def instance(value: object, kind: type[T], name: str, wanted: str) -> T:

@@ -36,13 +36,14 @@ class Declaration:
         choices: the values that are possible; () for any.
         read: makes the value from text or from a Python value; None to take it as it is.
         flag: long option of the command line; "" to make it from the field's name.
-        pair: whether a flag can be switched off by ``--no-...``; its default may then be None, decided by the data.
+        pair: whether a flag that is off can be switched off by ``--no-...`` too; any other one can: one that is on, or
+            None, decided by the data.
         repeatable: whether it may be given several times.
         nothing: word for None on the command line, in help and in the inputs of results.
         kind: type on the command line where annotation and default do not tell it: ``"input"`` (file that exists),
             ``"folder"``, ``"level"`` (how often it is given).
         bounds: smallest and largest number, None for no bound.
-        off: long option that switches a flag with ``pair`` off; ``--no-...`` when empty.
+        off: long option that switches a flag off; ``--no-...`` when empty.
         deliberate: whether only the command line may give it, no variable of the environment and no file.
     """
 

@@ -111,8 +111,7 @@ def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch,
     line = "word " * 30
 
     def said(label):
-        with Session() as run:
-            run.stage(label, line)
+        Session().stage(label, line)
         return capsys.readouterr().err.splitlines()
 
     assert said("filter") == [f"filter     {line}"]

@@ -113,7 +113,8 @@ def explain_command(session: Session, *, word: str | None = None) -> Answer:
         text = pages()[word].read_text(encoding="utf-8")
         session.answer(text)
         return Answer({"page": word, "text": text})
-    raise no_such("no code or page", word, [*codes(), *pages()], "dynid explain")
+    why = "codes are E or W and three digits, as printed in error[E307]; pages have names such as robot-file"
+    raise no_such("no code or page", word, [*codes(), *pages()], why=why, fix="dynid explain")
 
 
 @dynid_command("completion")

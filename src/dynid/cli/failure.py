@@ -107,8 +107,8 @@ def ended(error: BaseException, words: Sequence[str], given: Mapping[str, Any]) 
     if given.get("debug") or "--debug" in words:
         echo(trace)
     mistake = _mistake(error) or _crash(error, words, trace)
-    facts = {key: getattr(mistake, key) for key in ("code", "what", "where", "why", "fix")}
-    said = {key: visible(text) for key, text in facts.items() if text}
+    keys = ("code", "what", "where", "why", "fix")
+    said = {key: visible(text) for key in keys if (text := getattr(mistake, key))}
     head = f"error[{mistake.code}]"
     if use_color(sys.stderr, str(given.get("color", "auto"))):
         head = click.style(head, fg="red", bold=True)

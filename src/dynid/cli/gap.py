@@ -45,7 +45,7 @@ def command(
     apply: str | None,
     no_apply: bool = option(False, "Only report: add nothing and do not ask."),
     new_name: Output | None = option(None, "Path of the copy of the robot file with the effects."),
-    plot: bool = option(True, "Draw the pictures.", pair=True),
+    plot: bool = option(True, "Draw the pictures."),
 ) -> Answer:
     """Find which effect the model lacks, add it, and show how much smaller the error becomes.
 

@@ -42,9 +42,9 @@ def model_command(
     *,
     robot: Robot,
     options: ModelOptions,
-    reduce: bool | None = option(None, "Reduce to base parameters without asking.", pair=True),
+    reduce: bool | None = option(None, "Reduce to base parameters without asking."),
     rebuild: bool | None = option(
-        None, "Rebuild a stored model without asking, or never.", pair=True, off="--frozen"
+        None, "Rebuild a stored model without asking, or never.", off="--frozen"
     ),
     groups: str | None = option(
         None, "Print the relations of all base parameters.", choices=("json", "text")
@@ -134,7 +134,7 @@ def parameters_command(
     robot: Robot,
     logs: tuple[Path, ...],
     options: LogOptions,
-    identify: bool | None = option(None, "Identify afterwards without asking.", pair=True),
+    identify: bool | None = option(None, "Identify afterwards without asking."),
 ) -> Answer:
     """Filter logs, stack the base regressor over them, and say what they excite.
 
@@ -187,7 +187,7 @@ def identify_command(
     logs: tuple[Path, ...] = (),
     options: IdentifyOptions,
     extras: Extras,
-    report: bool = option(True, "Write report.html and summary.md as well.", pair=True),
+    report: bool = option(True, "Write report.html and summary.md as well."),
     open: bool = option(False, "Open report.html in the browser."),
     fail_if: tuple[str, ...] = option(
         (),

@@ -45,7 +45,8 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or suggest one."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            raise no_such("no command", args[0], COMMANDS, "dynid -h")
+            why = f"the commands are {', '.join(COMMANDS)}"
+            raise no_such("no command", args[0], COMMANDS, why=why, fix="dynid -h")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

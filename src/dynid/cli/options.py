@@ -29,7 +29,6 @@ from dynid.cli.runfile import repeated
 from dynid.cli.session import Session
 from dynid.files.yamlfile import read_yaml
 from dynid.options import Options, declaration_of, flag_of
-from dynid.progress import heard_by
 from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
@@ -82,7 +81,8 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
     facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
     facts["show_default"] = said.nothing if each.default is None else None
     facts |= {"type": type_of(each.type), "is_flag": isinstance(each.default, bool) or None}
-    if said.pair:
+    # Why: what is on, or decided by the data, has to be switched off somehow.
+    if said.pair or ("bool" in each.type and each.default is not False):
         flag += f"/{said.off or '--no-' + flag[2:]}"
     elif said.choices:
         facts["type"] = click.Choice(said.choices)
@@ -273,7 +273,7 @@ def dynid_command(
                     key: common[key] for key in COMMON if ctx.get_parameter_source(key) is TYPED
                 }
             session: Session = replace(ctx.obj or Session(), **common)
-            with session, heard_by(session.progress):
+            with session.heard():
                 answer: Answer = function(session, **arguments(session, kinds, values))
                 session.show(answer)
                 facts = {"schema": f"dynid/{name}/1", **answer.facts, "wrote": session.written}

@@ -67,7 +67,7 @@ def command(
     trajectory: Input | None = None,
     options: RecordOptions,
     convert: bool | None = option(
-        None, "Also write the recording as log.npz (asked at the end when not given).", pair=True
+        None, "Also write the recording as log.npz (asked at the end when not given)."
     ),
     parameters: Existing | None = option(
         None,

@@ -50,7 +50,7 @@ def validate_command(
         None,
         "Write measured, predicted and residual joint states with the arm's URDF for Foxglove, PlotJuggler and Rerun.",
     ),
-    plot: bool = option(True, "Draw the figures.", pair=True),
+    plot: bool = option(True, "Draw the figures."),
 ) -> Answer:
     """Compare predicted with measured torques on a recording that was not used to identify.
 

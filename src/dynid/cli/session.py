@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import shutil
 import sys
 import textwrap
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
@@ -32,6 +31,7 @@ from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.errors import CannotWrite, Finding
 from dynid.judgement.rules import Judgement
 from dynid.options import Options, option
+from dynid.progress import heard_by
 from dynid.table import Table, cell_text
 from dynid.text import shell, visible
 
@@ -60,7 +60,7 @@ class QuietConsole(Console):
 
 @dataclass(frozen=True)
 class Session(Options):
-    """What every command is given: the common options and the streams, to be used in a ``with`` block."""
+    """What every command is given: the common options and the streams."""
 
     out: Path | None = option(
         None, "Folder of the results (default: out/ROBOT).", metavar="DIR", kind="folder"
@@ -78,21 +78,18 @@ class Session(Options):
     seed: int = option(0, "Seed of every random choice.", metavar="INTEGER", bounds=(0, None))
     debug: bool = option(False, "Show tracebacks.")
 
-    def __enter__(self) -> Session:
-        """Begin the run: what cannot be written is noticed before the work."""
-        self._copied("")
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Take the bar away; what ended the run is the last line of the copy."""
-        self.progress.end()
-        if error is not None:
+    @contextmanager
+    def heard(self) -> Iterator[None]:
+        """Hear what the library tells in a ``with`` block; what ended it is the last line of the copy."""
+        self._copied("")  # what cannot be written is noticed before the work
+        try:
+            with heard_by(self.progress):
+                yield
+        except BaseException as error:
             self._copied(f"{getattr(error, 'code', type(error).__name__)} {error}")
+            raise
+        finally:
+            self.progress.end()
 
     def folder(self, slug: str) -> Path:
         """Return the folder of the results of a robot."""
@@ -100,7 +97,7 @@ class Session(Options):
 
     def header(self, inputs: Mapping[str, str]) -> Facts:
         """Return what every result's header says about the run: command line, seed, hashes of the inputs."""
-        command = shlex.join(["dynid", *sys.argv[1:]])
+        command = shell("dynid", *sys.argv[1:])
         return {"command": command, "seed": self.seed, "inputs": dict(inputs)}
 
     # ------------------------------------------------------------ streams

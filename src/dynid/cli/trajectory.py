@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
@@ -62,18 +62,6 @@ class Surroundings(Options):
     accept: bool = option(False, "Mark the motion as reviewed without being asked.")
 
 
-class View(NamedTuple):
-    """How a motion will be looked at: what is drawn, whether PyBullet's window opens, whether --accept was given."""
-
-    drawing: Drawing
-    window: bool
-    accept: bool
-
-    def mark(self, motion: SafeMotion) -> bool:
-        """Return whether there was something of a motion to see."""
-        return bool(motion.clearance.pictures) or self.window
-
-
 def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) -> Path | None:
     """Take options of PLAN.yaml as defaults, before those of other files."""
     if plan is not None:
@@ -119,7 +107,7 @@ def command(
         answer = work.stored_answer(robot, path)
         known = answer.facts["reviewed"] or not around.accept
         return answer if known else reviewed(session, robot, path, options, around)
-    look = view(session, around, path.parent)
+    drawing, window = view(session, around, path.parent)
     while True:
         planned = dynid.plan_trajectory(
             robot,
@@ -129,17 +117,17 @@ def command(
             for_gap=around.for_gap,
             urdf=around.urdf,
             base=workflows.model.base_model(robot, path.parent),
-            drawing=look.drawing,
+            drawing=drawing,
         )
         session.show(planned.answer())
-        reply = asked(session, planned, look)
+        reply, seen = asked(session, planned, around, window=window)
         if reply == "quit":
             for picture in planned.clearance.pictures:
                 picture.unlink(missing_ok=True)
             raise Declined("the motion was not accepted", why="nothing was written")
         if reply == "yes" or not can_ask(session) or session.yes:
-            seen = look.mark(planned) if reply == "yes" else None
-            return saved(session, path, planned, work.plan_inputs(robot, options, files), seen)
+            inputs = work.plan_inputs(robot, options, files)
+            return saved(session, path, planned, inputs, seen if reply == "yes" else None)
         alpha = click.prompt("alpha", default=options.alpha, type=ALPHA, err=True)
         seed = click.prompt("seed", default=options.seed + 1, err=True)
         options = replace(options, alpha=alpha, seed=seed)
@@ -167,32 +155,35 @@ def reviewed(
     session: Session, robot: Robot, path: Path, options: PlanOptions, around: Surroundings
 ) -> Answer:
     """Judge, preview and ask about a motion that was planned before, and mark it."""
-    work, look = workflows.trajectory, view(session, around, path.parent)
+    work, (drawing, window) = workflows.trajectory, view(session, around, path.parent)
     base = workflows.model.base_model(robot, session.folder(robot.slug))
     motion = work.review_trajectory(
-        robot, path, options, urdf=around.urdf, base=base, drawing=look.drawing
+        robot, path, options, urdf=around.urdf, base=base, drawing=drawing
     )
     notice(motion.clearance.findings)
     session.written.extend(motion.clearance.pictures)
     for picture in motion.clearance.pictures:
         session.stage("preview", str(picture))
-    if asked(session, motion, look) == "yes":
-        seen = look.mark(motion)
+    reply, seen = asked(session, motion, around, window=window)
+    if reply == "yes":
         motion.accept(seen=seen)
         session.wrote(path, note=f"reviewed: {MARKS[seen]}")
     return replace(work.stored_answer(robot, path), sentence="")
 
 
-def asked(session: Session, motion: SafeMotion, look: View) -> Reply:
-    """Ask P2 while the window shows the motion."""
-    with motion.in_window() if look.window else nullcontext():
-        if look.window:
+def asked(
+    session: Session, motion: SafeMotion, around: Surroundings, *, window: bool
+) -> tuple[Reply, bool]:
+    """Ask P2 while the window shows the motion; return the reply, and whether there was something to see."""
+    with motion.in_window() if window else nullcontext():
+        if window:
             session.stage("preview", "PyBullet window opened; press space there to replay")
-        return ask(session, "P2", given=look.accept or None)
+        reply = ask(session, "P2", given=around.accept or None)
+    return reply, window or bool(motion.clearance.pictures)
 
 
-def view(session: Session, around: Surroundings, folder: Path) -> View:
-    """Decide how to look: a window where there is a display and a person, otherwise pictures.
+def view(session: Session, around: Surroundings, folder: Path) -> tuple[Drawing, bool]:
+    """Return what is drawn, and whether there is a window: where there are a display and a person.
 
     Raises:
         NoDisplay: a window was asked for and there is no display.
@@ -214,4 +205,4 @@ def view(session: Session, around: Surroundings, folder: Path) -> View:
         animation=animation if wanted in ("auto", "video") else None,
         needed=wanted in ("gui", "video"),
     )
-    return View(drawing, window, around.accept)
+    return drawing, window

@@ -70,7 +70,7 @@ class PlanOptions(Options):
     duration: float = option(60.0, "Length of the motion at full speed [s].", bounds=(1, 3600))
     segments: int = option(20, "Number of quintic segments.", bounds=(2, 200))
     basis: str = option("quintic", "Family of motions.", choices=FAMILIES)
-    optimise: bool = option(True, "Search for a good motion, or take a random one.", pair=True)
+    optimise: bool = option(True, "Search for a good motion, or take a random one.")
     cost: str = option(
         "i",
         "What the search makes small: the expected torque error on other motions (i), the volume of the error "

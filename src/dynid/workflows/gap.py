@@ -82,7 +82,7 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
     for word in options.effects:
         if word not in CATALOGUE:
             raise no_such("--effects: no effect", word, CATALOGUE)
-    joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
+    joints = joint_indices(robot.joint_names, options.joints, "--joints")
     return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
 
 
@@ -247,7 +247,7 @@ class Gap(Judged, GapRecord):
         if text == "best":
             return self.named
         name, _, where = text.partition("@")
-        joints = joint_indices(self.joint_names, where, "--apply")
+        joints = joint_indices(self.joint_names, where.split(","), "--apply")
         every = (*self.named, *self.closest)
         matching = tuple(
             one

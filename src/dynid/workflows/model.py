@@ -44,7 +44,7 @@ def adapted(robot: Robot, options: ModelOptions) -> Robot:
         robot = replace(robot, joints=tuple(joints))
     if not options.links:
         return robot
-    links = joint_indices(robot.joint_names, ",".join(options.links), "--links")
+    links = joint_indices(robot.joint_names, options.links, "--links")
     return replace(robot, links=tuple(sorted(k + 1 for k in links)))
 
 

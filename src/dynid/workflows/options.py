@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite
@@ -106,16 +106,16 @@ def _effect_specs(value: Any) -> tuple[EffectSpec, ...]:  # noqa: ANN401
     return tuple(specs)
 
 
-def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
-    """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
+def joint_indices(names: Sequence[str], words: Iterable[str], option: str) -> tuple[int, ...]:
+    """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``."""
     indices: dict[int, None] = {}
-    for word in filter(None, map(str.strip, text.split(","))):
+    for word in filter(None, map(str.strip, words)):
         span = re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", word, re.ASCII)
         first, last = (int(span[1]), int(span[2] or span[1])) if span else (0, 0)
         if word in names:
             first = last = list(names).index(word) + 1
         if not 1 <= first <= last <= len(names):
-            raise no_such(f"{option}: no joint", word, names, f"1 to {len(names)}, or a name")
+            raise no_such(f"{option}: no joint", word, names, fix=f"1 to {len(names)}, or a name")
         indices |= dict.fromkeys(range(first - 1, last))
     return tuple(indices)
 
@@ -198,13 +198,11 @@ class IdentifyOptions(LogOptions):
         None,
         "Predict with physically consistent parameters, or with least squares (default: the physically consistent "
         "ones, unless --method names an estimator).",
-        pair=True,
     )
     residual_model: bool | None = option(
         None,
         "Fit a residual model to the torque that rigid bodies and friction do not explain, and use it for prediction "
         "(default: when the data support it).",
-        pair=True,
     )
     holdout: float | str | Path | Log | None = option(
         "auto",
@@ -243,7 +241,6 @@ class ValidateOptions(LogOptions):
     residual_model: bool | None = option(
         None,
         "Predict with the result's residual model, or by its parameters alone (default: with it).",
-        pair=True,
     )
 
 
@@ -307,7 +304,6 @@ class ExportOptions(Options):
     residual_model: bool = option(
         True,
         "Let exported code use the result's residual model, or the parameters alone.",
-        pair=True,
     )
     draws: int = option(
         0, "Also write so many arms drawn from the posterior (URDF, MJCF).", bounds=(0, 10_000)

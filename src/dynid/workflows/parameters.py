@@ -47,7 +47,6 @@ from dynid.signals.columns import in_amperes as holds_currents
 from dynid.signals.conditioned_log import condition_logs
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
-from dynid.units import ampere_unit
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras
 
@@ -338,12 +337,10 @@ def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
         gain = scale.get(str(value.get("joint")), gain)
         facts = {}
         for key, inner in value.items():
-            if key == "unit" and "std_error" in value:
-                inner = ampere_unit(inner)
             if key.endswith("_nm"):
                 key = f"{key[:-3]}_a"
                 if isinstance(inner, list):  # one per joint
-                    inner = [x / size for x, size in zip(inner, robot.shown_gains, strict=True)]
+                    inner = np.divide(inner, robot.shown_gains).tolist()
                 elif isinstance(inner, float):
                     inner /= gain
             facts[key] = renamed(inner, gain)

@@ -115,7 +115,7 @@ def simulate(
         robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
     for one in options.effects:
         if one.effect not in CATALOGUE:
-            raise no_such("--effect: no effect", one.effect, CATALOGUE, LISTED)
+            raise no_such("--effect: no effect", one.effect, CATALOGUE, fix=LISTED)
     stage("simulate")
     arm = SimulatedArm(robot, prior_bodies(robot))
     rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
@@ -164,7 +164,7 @@ def _effect_torque(
     for spec in specs:
         if spec.effect == DELAY:
             raise WrongUsage(f"{DELAY} is no torque", fix="--delay SECONDS")
-        some = joint_indices(robot.joint_names, ",".join(spec.joints), "--effect")
+        some = joint_indices(robot.joint_names, spec.joints, "--effect")
         named = replace(spec, joints=tuple(robot.joint_names[k] for k in some))
         for one in added_effects(replace(robot, effects=(named,))):
             amplitudes, given = one.effect.amplitudes(one.shape), named.parameters

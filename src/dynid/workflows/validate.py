@@ -112,18 +112,18 @@ class Validation(Judged):
 
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], relative error [%], and the baseline."""
-        rows = [
-            {
-                "joint": error.joint,
-                "rms error": error.rms,
-                "torque rms": error.torque_rms,
-                "error %": error.relative_percent,
-                "rms of baseline": error.baseline_rms,
-                "unit": joint.torque_unit,
-            }
-            for error, joint in zip(self.joints, self.robot.joints, strict=True)
-        ]
-        return Table(rows)
+        columns = {
+            "rms error": "rms",
+            "torque rms": "torque_rms",
+            "error %": "relative_percent",
+            "rms of baseline": "baseline_rms",
+        }
+        return Table(
+            [
+                picked(error, "joint", **columns) | {"unit": joint.torque_unit}
+                for error, joint in zip(self.joints, self.robot.joints, strict=True)
+            ]
+        )
 
     def answer(self) -> Answer:
         """Return what ``dynid validate`` answers."""
