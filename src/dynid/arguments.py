@@ -60,19 +60,16 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
         name = function.__name__
         for unknown in kwargs.keys() - shown.keys():
             raise no_such(
-                f"{name} has no argument or option", unknown, shown, f"help(dynid.{name})"
+                f"{name} has no argument or option", unknown, shown, fix=f"help(dynid.{name})"
             )
         bound = signature.bind(*args, **kwargs)
         given = bound.arguments
         if kind is not None:
-            options, changes = given.get("options"), given.pop("changes", {})
-            if options is not None:
-                instance(options, kind, "options", f"dynid.{kind.__name__}")
-            if options is None or changes:
-                options = kind(**changes) if options is None else replace(options, **changes)
-            given["options"] = options
-        listener = given.get("progress")
-        with heard_by(LISTENER.get() if listener is None else listener):
+            options = given.get("options")
+            options = kind() if options is None else options
+            instance(options, kind, "options", f"dynid.{kind.__name__}")
+            given["options"] = replace(options, **given.pop("changes", {}))
+        with heard_by(given.get("progress") or LISTENER.get()):
             return computing(*bound.args, **bound.kwargs)
 
     called.__signature__ = signature.replace(parameters=[*shown.values()])  # type: ignore[attr-defined]

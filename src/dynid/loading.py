@@ -156,9 +156,8 @@ def checked_log(
         )
     if options.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))
-    if options.velocity == "measured" and log.qd is None:
         finding = Finding("W308", "warning", f"{log.name} has no velocity; the derived one is used")
-        if finding not in log.findings:
+        if log.qd is None and finding not in log.findings:
             log = replace(log, findings=(*log.findings, finding))
     return log
 

@@ -68,8 +68,7 @@ def option(default: Any, help: str, **facts: Any) -> Any:  # noqa: ANN401
 
 def declaration_of(declared: Field[Any]) -> Declaration:
     """Return the declaration of a field."""
-    declaration = declared.metadata["option"]
-    assert isinstance(declaration, Declaration)
+    declaration: Declaration = declared.metadata["option"]
     return declaration
 
 
@@ -152,10 +151,10 @@ def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
         raise ValueError(f"it must be a number up to {MOST:g}")
     low, high = said.bounds
     if low is not None and value is not None:
-        low = LEAST if low == 0 and value != 0 else low
+        low, high = LEAST if low == 0 and value != 0 else low, MOST if high is None else high
         # Why so: what is not a number is neither below nor above.
-        if not low <= value <= (MOST if high is None else high):
-            raise ValueError(f"it must be from {low:g} to {MOST if high is None else high:g}")
+        if not low <= value <= high:
+            raise ValueError(f"it must be from {low:g} to {high:g}")
     return value
 
 

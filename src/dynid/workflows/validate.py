@@ -113,6 +113,7 @@ class Validation(Judged):
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], relative error [%], and the baseline."""
         columns = {
+            "joint": "joint",
             "rms error": "rms",
             "torque rms": "torque_rms",
             "error %": "relative_percent",
@@ -120,7 +121,7 @@ class Validation(Judged):
         }
         return Table(
             [
-                picked(error, "joint", **columns) | {"unit": joint.torque_unit}
+                picked(error, **columns) | {"unit": joint.torque_unit}
                 for error, joint in zip(self.joints, self.robot.joints, strict=True)
             ]
         )
