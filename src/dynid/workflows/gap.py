@@ -149,10 +149,10 @@ class Gap(Judged, GapRecord):
 
     def answer(self) -> Answer:
         """Return what ``dynid gap`` answers."""
-        above = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
         where = "; ".join(
             f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the residual above the noise) {one.text}"
-            for one in sorted(above, key=lambda one: -one.share)
+            for one in sorted(self.joints, key=lambda one: -one.share)
+            if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE
         )
         hidden = ", ".join(
             f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})"
@@ -168,7 +168,7 @@ class Gap(Judged, GapRecord):
             parts=(self.judgement, self.joint_table()),
             details=(
                 "",
-                *((label, text) for label, text in lines.items() if text),
+                *filter(all, lines.items()),
                 *(("rest", clue) for clue in self.clues),
                 *filter(None, (self.advice,)),
                 self.table(),
@@ -508,13 +508,10 @@ class _Search:
         )
         if question == "arm":
             analysis = with_counterbalances(analysis, self._suspected(analysis))
-        if kept:
-            analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
+        if kept and earlier:
+            analysis = self._with_reestimated_payload(analysis, logs)
         gap = self._recorded(analysis, question, why)
-        flags = self.options.flags("ask", "mode", "effects", "joints", "false_alarm", "max_effects")
-        return replace(
-            gap, recordings=tuple(logs), before=tuple(earlier), signals=options, flags=flags
-        )
+        return replace(gap, recordings=tuple(logs), before=tuple(earlier), signals=options)
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
@@ -551,7 +548,8 @@ class _Search:
     def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
         """Return an analysis as the answer to a question, without logs and signals."""
         record = record_of(analysis, self.result, question, why)
-        return Gap(**vars(record), analysis=analysis, searched=self.result)
+        flags = self.options.flags("ask", "mode", "effects", "joints", "false_alarm", "max_effects")
+        return Gap(**vars(record) | {"flags": flags}, analysis=analysis, searched=self.result)
 
     def _conditioned(
         self, logs: Sequence[Log], options: GapOptions, arm: Robot
