@@ -132,9 +132,11 @@ def test_parameters_then_identify_equals_identify_at_once_to_the_byte(arm, finis
         unseen.csv --no-input | log 1
         log.csv --method ols  | method auto -> ols
         log.csv --cutoff 4    | cutoff auto -> 4
+        log.csv --prior p.yml | prior_file none ->
     """),
 )
 def test_other_inputs_are_refused_and_named(done, words, named):
+    (done.folder / "p.yml").write_text("cylinders: {radius: 0.05, mass: 1.0}\n")
     first = done(f"identify arm.yaml {words}").failed(7, "--force").splitlines()[0]
     assert first.startswith("error[E702] out/arm/parameters.npz exists and differs in inputs (")
     assert named in first

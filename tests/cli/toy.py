@@ -29,17 +29,16 @@ def types_name(session, move, **_):
 
 def values(session, samples, **_):
     session.answer(f"samples {samples} seed {session.seed} quiet {session.quiet} out {session.out}")
-    return Answer({"schema": "dynid/toy/1", "samples": samples, "rms_nm": float("nan")})
+    return Answer({"samples": samples, "rms_nm": float("nan")})
 
 
 def talks(session, word, **_):
     session.stage("stage", f"about {word}")
     session.stage("detail", "only with -v", shown=bool(session.verbose))
     finding = Finding("W316", "warning", f"{word} reads 1.8 Nm at rest")
-    rows = (word, "0.42 Nm"), ("joint_2", "0.31 Nm")
-    errors = [{"joint": joint, "rms error": error} for joint, error in rows]
-    table = Table(errors)
-    return Answer({"schema": "dynid/toy/1", "joint": word}, parts=[finding, table])
+    first = {"joint": word, "rms error": "0.42 Nm"}
+    table = Table([first, {"joint": "joint_2", "rms error": "0.31 Nm"}])
+    return Answer({"joint": word}, parts=[finding, table])
 
 
 def prints_wide(session, **_):

@@ -26,7 +26,7 @@ from dynid.judgement.rules import Step
 from dynid.model.printing import as_latex, as_python
 from dynid.options import LogOptions, option
 from dynid.runs import RunFolder
-from dynid.workflows.options import Extras, IdentifyOptions, ModelOptions
+from dynid.workflows.options import IdentifyRunOptions, ModelOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
@@ -185,8 +185,7 @@ def identify_command(
     *,
     robot: Robot,
     logs: tuple[Path, ...] = (),
-    options: IdentifyOptions,
-    extras: Extras,
+    options: IdentifyRunOptions,
     report: bool = option(True, "Write report.html and summary.md as well."),
     open: bool = option(False, "Open report.html in the browser."),
     fail_if: tuple[str, ...] = option(
@@ -208,14 +207,13 @@ def identify_command(
     """
     limits = [parsed_limit(text) for text in fail_if]
     models = session.folder(robot.slug)
-    folder = models if extras.payload_from is None else models.with_name(f"{models.name}_loaded")
+    folder = models if options.payload_from is None else models.with_name(f"{models.name}_loaded")
     folder = session.out or folder
     answer = workflows.identify.identify_run(
         robot,
         logs,
         options,
         folder,
-        extras,
         models=models,
         may_write=partial(may_write, session),
         header=session.header,

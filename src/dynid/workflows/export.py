@@ -177,7 +177,7 @@ def export(
     *,
     formats: str | Sequence[str] = (),
     seed: int = 0,
-    write: Callable[[Path, str], object] | None = None,
+    write: Callable[[Path, str], object] = write_text,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> ExportedModel:
@@ -190,7 +190,7 @@ def export(
         options: which parameters are written, and into which URDF.
         formats: names of formats, written to the folder ``path`` under the name of the robot.
         seed: seed of the random states that torques are compared on.
-        write: writes a text to a file; None overwrites what is there.
+        write: writes a text to a file; by default over what is there.
         progress: reports what is compared.
         changes: single options by name, such as ``urdf="arm.urdf"``; see ``dynid.ExportOptions``.
 
@@ -216,13 +216,12 @@ def export(
     arm = replace(arm, warning="; ".join(finding.text for finding in findings))
     folder, files = path if chosen else path.parent, []
     # Why all texts first: nothing is written when one of the formats cannot hold the model.
-    texts = [(FORMATS[name], FORMATS[name].text(arm)) for name in names]
-    if wanted(arm, names):
-        texts.append((EFFECTS, EFFECTS.text(arm)))
+    forms = [*(FORMATS[name] for name in names), *[EFFECTS] * wanted(arm, names)]
+    texts = [(form, form.text(arm)) for form in forms]
     for form, text in texts:
         place = folder / f"{arm.file_stem}{form.suffix}" if chosen else path
         place = folder / EFFECTS_FILE if form is EFFECTS else place
-        (write or write_text)(place, text)
+        write(place, text)
         stage("compare", place.name)
         files.append(_proved(form, place, text, arm, seed))
         notice(files[-1].findings())

@@ -56,7 +56,7 @@ from dynid.signals.conditioned_log import condition_logs
 from dynid.table import Table
 from dynid.text import yaml_text
 from dynid.workflows.model import base_model
-from dynid.workflows.options import Extras, IdentifyOptions
+from dynid.workflows.options import IdentifyOptions, IdentifyRunOptions
 from dynid.workflows.parameters import (
     Observations,
     gain_facts,
@@ -322,9 +322,8 @@ READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time
 def identify_run(
     robot: Robot,
     paths: Sequence[Path],
-    options: IdentifyOptions,
+    options: IdentifyRunOptions,
     folder: Path,
-    extras: Extras = Extras(),
     *,
     models: Path,
     may_write: Callable[[Path, Mapping[str, str]], bool],
@@ -335,9 +334,8 @@ def identify_run(
     Args:
         robot: the arm.
         paths: recordings; () for the observations that ``dynid parameters`` wrote.
-        options: how to identify.
+        options: how to identify, and what is asked besides.
         folder: of the results.
-        extras: what is asked besides.
         models: where the model is kept.
         may_write: tells whether a file may be written, given what it is made from; False keeps the one that is there.
         header: makes the facts of every header from the inputs.
@@ -346,9 +344,11 @@ def identify_run(
         WrongUsage: an option needs a log, or a load is given for logs that need none.
         DynidError: a log is unfit, or determines fewer parameters than the arm has.
     """
-    unloaded = load_run(extras.payload_from) if extras.payload_from else None
-    earlier = load_run(extras.update) if extras.update else None
-    arm, options = resolved(robot, options, unloaded or earlier)
+    unloaded = load_run(options.payload_from) if options.payload_from else None
+    earlier = load_run(options.update) if options.update else None
+    arm, known = resolved(robot, options, unloaded or earlier)
+    # Why not all of it: a result is made from the file of the prior, which may change.
+    options = replace(options, cutoff=known.cutoff, delay=known.delay)
 
     @cache
     def logs() -> list[Log]:
@@ -356,11 +356,11 @@ def identify_run(
         return [read_log(path, arm, options) for path in paths]
 
     wrote: list[Path] = []
-    gains, robot = gains_of(arm, logs if paths else list, options, extras, models), arm
+    gains, robot = gains_of(arm, logs if paths else list, options, models), arm
     if gains is not None:
         written, robot = write_robot(folder, arm, gains)
         wrote.append(written)
-    inputs = _inputs(robot, folder, paths, options, extras, earlier)
+    inputs = _inputs(robot, folder, paths, options, earlier)
     base, path = base_model(robot, models), RunFolder(folder).parameters
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
     reused = not updated and not may_write(path, inputs)
@@ -423,8 +423,7 @@ def _inputs(
     robot: Robot,
     folder: Path,
     logs: Sequence[Path],
-    options: IdentifyOptions,
-    extras: Extras,
+    options: IdentifyRunOptions,
     earlier: Identification | None,
 ) -> dict[str, str]:
     """Return what an identification depends on; without logs, on the observations that are in its folder.
@@ -432,11 +431,10 @@ def _inputs(
     Raises:
         WrongUsage: the stored observations were read with other options.
     """
-    texts = {key: value for key, value in options.texts().items() if key != "prior"}
-    if extras.load_mass:
-        texts["load_mass"] = repr(extras.load_mass)
+    apart = ("prior", "payload_from")
+    texts = {key: value for key, value in options.texts().items() if key not in apart}
     files = {
-        "loaded": extras.loaded,
+        "loaded": options.loaded,
         "prior_file": options.prior,
         "holdout": options.holdout,
         "update": earlier and earlier.path,

@@ -424,8 +424,8 @@ class RecordOptions(Options):
 
 
 @dataclass(frozen=True)
-class Extras(Options):
-    """What ``dynid identify`` is asked besides the parameters."""
+class IdentifyRunOptions(IdentifyOptions):
+    """What ``dynid identify`` may be told: besides how parameters are identified, what else is asked of the logs."""
 
     payload_from: Path | None = option(
         None,

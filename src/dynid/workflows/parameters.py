@@ -48,7 +48,7 @@ from dynid.signals.conditioned_log import condition_logs
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
 from dynid.workflows.model import base_model
-from dynid.workflows.options import Extras
+from dynid.workflows.options import IdentifyRunOptions
 
 
 @dataclass(frozen=True, repr=False)
@@ -260,8 +260,7 @@ def log_inputs(robot: Robot, logs: Sequence[Path]) -> dict[str, str]:
 def gains_of(
     robot: Robot,
     logs: Callable[[], list[Log]],
-    options: LogOptions,
-    extras: Extras,
+    options: IdentifyRunOptions,
     folder: Path,
 ) -> Gains | None:
     """Return the gains of all drives [N m per A] where logs hold currents and not all gains are known.
@@ -269,14 +268,14 @@ def gains_of(
     Args:
         robot: the arm; gains that it knows stay as they are.
         logs: reads the logs.
-        options: how they are checked and filtered.
-        extras: a further log with a body of known mass on the last link, and that mass; the robot file's tool without.
+        options: how they are checked and filtered; a further log with a body of known mass on the last link, and that
+            mass; the robot file's tool without.
         folder: where the model is kept.
 
     Raises:
         WrongUsage: the gains cannot be found for this arm, or a load is given for logs that need none.
     """
-    current, loaded = robot.torque.source == "motor_current", extras.loaded
+    current, loaded = robot.torque.source == "motor_current", options.loaded
     if robot.torque.complete or not any(
         current or holds_currents(log, robot) for log in logs()[:1]
     ):
@@ -296,7 +295,7 @@ def gains_of(
     checked = [checked_log(log, robot, options) for log in given]
     conditioned, load = condition_logs(checked, base.model, options), None
     if loaded:
-        load = known_load(base, stack_logs([conditioned.pop()], base), extras.load_mass)
+        load = known_load(base, stack_logs([conditioned.pop()], base), options.load_mass)
     return find_gains(stack_logs(conditioned, base), known, load, robot.torque.scale_error)
 
 

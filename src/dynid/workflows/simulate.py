@@ -48,7 +48,7 @@ from dynid.sim.comparison import SimulatorGap
 from dynid.sim.driver_loop import DriverLoop, step_of
 from dynid.sim.follow import PointFollower, VelocityFollower
 from dynid.sim.options import SimDriverOptions
-from dynid.sim.plant import Plant, Sensors, plant_of, read_plant
+from dynid.sim.plant import Plant, Sensors, plant_of, read_plant, stepped
 from dynid.sim.ros_drivers import simulated_driver
 from dynid.workflows.export import identified_arm
 from dynid.workflows.gap import Gap
@@ -136,10 +136,10 @@ def simulate(
     late = np.stack([np.interp(moved, motion.t, column) for column in tau.T], axis=1)
     rng = np.random.default_rng(options.seed)
     measured = late + rng.normal(0.0, 1.0, late.shape) * options.noise * rated
-    q, step = motion.q, options.resolution
+    q = motion.q
     log = Log(
         motion.t,
-        np.round(q / step) * step if step else q,
+        stepped(q, options.resolution),
         measured,
         robot.joint_names,
         tau_unit="Nm",

@@ -152,9 +152,9 @@ def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp
 
 def test_joints_are_names_numbers_and_ranges():
     names = ("a", "b", "c", "3")
-    assert joint_indices(names, ["b"], "--joints") == (1,)
+    assert joint_indices(names, "b", "--joints") == (1,)
     assert joint_indices(names, ["1-2", " c"], "--joints") == (0, 1, 2)
-    assert joint_indices(names, ["3"], "--joints") == (3,), "a name goes before a number"
+    assert joint_indices(names, "3", "--joints") == (3,), "a name goes before a number"
     assert joint_indices(names, ["2", "b"], "--joints") == (1,)
     for wrong in ("0", "5", "3-1", "d"):
         with pytest.raises(WrongUsage, match="--joints: no joint"):
