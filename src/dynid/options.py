@@ -22,9 +22,6 @@ LEAST, MOST = 1e-12, 1e12
 #: No driver is this late; a larger number is meant in milliseconds [s].
 LONGEST_DELAY = 0.5
 
-#: Makes a value of an option from text or from a Python value.
-Reader = Callable[[Any], Any]
-
 
 @dataclass(frozen=True)
 class Declaration:
@@ -50,7 +47,7 @@ class Declaration:
     help: str
     metavar: str = ""
     choices: tuple[str, ...] = ()
-    read: Reader | None = None
+    read: Callable[[Any], Any] | None = None
     flag: str = ""
     pair: bool = False
     repeatable: bool = False
@@ -68,8 +65,7 @@ def option(default: Any, help: str, **facts: Any) -> Any:  # noqa: ANN401
 
 def declaration_of(declared: Field[Any]) -> Declaration:
     """Return the declaration of a field."""
-    declaration: Declaration = declared.metadata["option"]
-    return declaration
+    return declared.metadata["option"]
 
 
 def flag_of(declared: Field[Any]) -> str:
@@ -144,9 +140,9 @@ def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
         if not fits or (isinstance(value, bool) and "bool" not in types):
             raise TypeError(f"it must be {' or '.join(types)}")
         value = Path(value) if "Path" in types and isinstance(value, str) else value
-    several = value if isinstance(value, tuple) else (value,)
-    if said.read is None and said.choices and not {*several} <= {*said.choices, None}:
+    if said.choices and value not in (*said.choices, None):
         raise ValueError(f"it must be one of {', '.join(said.choices)}")
+    several = value if isinstance(value, tuple) else (value,)
     if any(isinstance(each, float) and not abs(each) <= MOST for each in several):
         raise ValueError(f"it must be a number up to {MOST:g}")
     low, high = said.bounds

@@ -103,7 +103,7 @@ class ExportedModel(Answered):
     files: tuple[ExportedFile, ...]
     findings: tuple[Finding, ...]
     fitted_percent: float
-    drawn: tuple[Path, ...] = ()
+    drawn: tuple[Path, ...]
 
     @property
     def agrees(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -86,9 +86,9 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
     return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Gap(Judged, GapRecord):
-    """What ``find_gap`` found.
+    """What ``find_gap`` found; equal to another one by what is in its file.
 
     Attributes:
         analysis: the rows and the search; None when it was read from a file.
@@ -98,11 +98,11 @@ class Gap(Judged, GapRecord):
         signals: how they were read.
     """
 
-    analysis: GapAnalysis | None = field(default=None, compare=False)
-    searched: Identification | None = field(default=None, compare=False)
-    recordings: tuple[Log, ...] = field(default=(), compare=False)
-    before: tuple[Log, ...] = field(default=(), compare=False)
-    signals: GapOptions = field(default=GapOptions(), compare=False)
+    analysis: GapAnalysis | None = None
+    searched: Identification | None = None
+    recordings: tuple[Log, ...] = ()
+    before: tuple[Log, ...] = ()
+    signals: GapOptions = GapOptions()
 
     @property
     def unseen_logs(self) -> tuple[Log, ...]:

@@ -64,7 +64,7 @@ class DerivedModel:
     model: Model
     folder: Path
     seconds: dict[str, float]
-    wrote: tuple[Path, ...] = ()
+    wrote: tuple[Path, ...]
     reduction: Reduction | None = None
 
     @property

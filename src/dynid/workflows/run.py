@@ -104,8 +104,7 @@ def executor(options: RunOptions) -> Executor:
     except (OSError, TimeoutError, ValueError) as error:
         text = f"no Dask scheduler answers at {options.scheduler}"
         raise SchedulerSilent(text, where=options.scheduler) from error
-    pool: Executor = client.get_executor(pure=False)
-    return pool
+    return client.get_executor(pure=False)
 
 
 def run_job(job: Job, out: Path, words: list[str], home: Path) -> Facts:

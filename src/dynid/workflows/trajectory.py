@@ -130,9 +130,9 @@ class Plan(Answered, SafeMotion):
         noise_from: where the noise of the torques comes from, in words.
         weakest: base parameter whose error costs the most torque on other motions.
         search: how the motion was found, as the JSON answer says it; None when a person gave the path.
-        review: who accepted the motion; None when nobody has.
         outlook: how much better a second gap search will be, in words.
         unexplained: rms torque that an earlier result leaves whatever the parameters [N m or N]; None without one.
+        review: who accepted the motion; None when nobody has.
     """
 
     motion: Motion
@@ -142,9 +142,9 @@ class Plan(Answered, SafeMotion):
     noise_from: str
     weakest: str
     search: Facts | None
+    outlook: tuple[str, ...]
+    unexplained: float | None
     review: Review | None = None
-    outlook: tuple[str, ...] = ()
-    unexplained: float | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,12 +77,12 @@ class Validation(Judged):
     baseline: str
     motion: EstimatedMotion
     cutoff: float
-    expected_percent: float | None = None
-    same_motion: bool = False
-    start_ns: int = 0
-    of: str = ""
-    known: Evidence = field(default_factory=Evidence)
-    broken: tuple[str, ...] = ()
+    expected_percent: float | None
+    same_motion: bool
+    start_ns: int
+    of: str
+    known: Evidence
+    broken: tuple[str, ...]
 
     @property
     def title(self) -> str:
@@ -160,8 +160,7 @@ class Validation(Judged):
             "judgement": self.judgement.facts(),
             "passed": not self.broken,
         }
-        facts: Facts = in_amperes(answer, self.robot)
-        return facts
+        return in_amperes(answer, self.robot)
 
     def folder(self, parent: Path) -> Path:
         """Return where its files go: named after the log, and after its hash where another log has that name."""
