@@ -78,7 +78,7 @@ def all_loops(
     title = "--- dynid trajectory, loop 2: a motion that excites the parameters"
     session.say(title, "bold")
     file = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz"
-    base, drawing = workflows.model.base_model(arm, folder), Drawing(folder / "preview.png")
+    base, drawing = dynid.base_model(arm, folder), Drawing(folder / "preview.png")
     judged = workflows.trajectory.review_trajectory(arm, file, base=base, drawing=drawing)
     facts, pictures = judged.stored.facts["answer"], judged.clearance.pictures
     number = f"condition number {facts['condition_number_scaled']:.3g}"

@@ -19,6 +19,7 @@ from dynid.judgement.rules import Step
 from dynid.options import option
 from dynid.progress import stage
 from dynid.runs import RunFolder
+from dynid.sim.tuning import DRIVEN_S
 from dynid.text import shell
 from dynid.workflows.options import GapOptions
 
@@ -57,7 +58,6 @@ def command(
     if apply and no_apply:
         raise WrongUsage("--apply and --no-apply exclude each other", fix="leave one of them out")
     run = RunFolder.of(parameters.path)
-    workflows.gap.selection_options(parameters.robot, options)
     stage("read")
     gap = dynid.find_gap(parameters, logs, options)
     stage("draw")
@@ -68,10 +68,11 @@ def command(
     session.show(replace(answer, next=()))
     effect = " and ".join(one.effect for one in chosen)
     given = bool(apply) if apply or no_apply else None
-    done = Answer({**answer.facts, "simulator": None}, next=answer.next)
+    done = Answer({"simulator": None}, next=answer.next)
     if chosen and ask(session, "P7", given=given, effect=effect) == "yes":
         done = added(session, gap, chosen, new_name, run, plot=plot)
-    return replace(done, wrote=(*wrote, *done.wrote, *workflows.report.renewed(parameters.path)))
+    wrote += [*done.wrote, *workflows.report.renewed(parameters.path)]
+    return replace(done, facts={**answer.facts, **done.facts}, wrote=wrote)
 
 
 def added(
@@ -89,17 +90,19 @@ def added(
     copy = new_name or (session.out / usual.name if session.out else usual)
     may_write(session, copy, other="another name with --new-name")
     after = gap.apply(chosen, robot_file=copy)
-    folder, facts = session.out or Path("out") / copy.stem, {**gap.facts(), "simulator": None}
+    folder, simulated = session.out or Path("out") / copy.stem, None
     *others, path = workflows.identify.save_result(folder, after)
     wrote, parts = [copy, path, *others, *dynid.report(path).save(folder)], list[Part]()
     try:
-        driven = workflows.simulate.gap_in_simulator(gap, after)
+        # Why not any log: one that was held out proves more.
+        log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
+        driven = dynid.compare_in_simulator((gap.searched, after), log, seconds=DRIVEN_S)
     except (DynidError, ValueError) as error:
         # Why both: MuJoCo has no error of its own for a model that it refuses.
         parts.append(("simulator", f"not driven: {error}"))
     else:
         parts += [driven.sentence(), driven.table()]
-        facts["simulator"] = driven.facts()
+        simulated = driven.facts()
         wrote.append(driven.save(run.simulated))
         if plot:
             picture = run.path / "gap/simulator.png"
@@ -111,4 +114,4 @@ def added(
     )
     if not unseen:
         step = Step("LOG is one that was not used here.", f"{shell('dynid', 'validate', path)} LOG")
-    return Answer(facts, parts=parts, wrote=wrote, next=[step])
+    return Answer({"simulator": simulated}, parts=parts, wrote=wrote, next=[step])

@@ -166,7 +166,7 @@ def stacked(
     folder, work = session.folder(robot.slug), workflows.parameters
     path, wrote = RunFolder(folder).stack, []
     inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
-    base = workflows.model.base_model(robot, folder)
+    base = dynid.base_model(robot, folder)
     if again or may_write(session, path, inputs):
         seen = work.observe(robot, logs, options, base=base)
         wrote = seen.save(folder, session.header(inputs))

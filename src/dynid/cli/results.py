@@ -109,7 +109,7 @@ def report_command(
       dynid report out/kuka_lwr4plus               writes report.html and summary.md there
       dynid report out/kuka_lwr4plus --open        and shows it in the browser
     """
-    made = workflows.report.report(run)
+    made = dynid.report(run)
     wrote = made.save(session.out or run.path.parent)
     if open:
         click.launch(str(wrote[0].resolve()))
@@ -135,7 +135,7 @@ def export_command(
       dynid export out/kuka_lwr4plus --format c --format python
       dynid export out/kuka_lwr4plus --format mjcf --draws 100       arms for randomisation
     """
-    made = workflows.export.export(
+    made = dynid.export(
         run,
         session.out or run.path.parent,
         options,

@@ -213,10 +213,7 @@ class Session(Options):
         # Where another command goes on, its next steps are not those of this one.
         inner = click.get_current_context().obj is not None
         for step in () if inner else answer.next[: None if self.verbose else STEPS]:
-            own = step.command.startswith("dynid ")
-            self.stage(
-                "next", program() + step.command.removeprefix("dynid") if own else step.command
-            )
+            self.stage("next", step.command.replace("dynid", program(), 1))
             if step.why:
                 self.say(" " * LABEL + step.why, indent=LABEL, shown=not self.quiet)
 

@@ -62,10 +62,9 @@ def simulate_command(
     arm = dynid.load_robot(robot, tip=tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, "motion": sha256(trajectory), **options.texts()}
-    simulation = workflows.simulate.simulate(arm, trajectory, options)
+    simulation = dynid.simulate(arm, trajectory, options)
     wrote = []
     if may_write(session, target, inputs):
-        target.parent.mkdir(parents=True, exist_ok=True)
         wrote.append(simulation.log.save(target, session.header(inputs)))
     step = Step("", f"dynid identify {arm.word} {shell(target)}")
     return replace(simulation.answer(), wrote=wrote, next=[step])
@@ -73,10 +72,11 @@ def simulate_command(
 
 def compared(session: Session, before: Path, after: Path, log: Path) -> Answer:
     """Drive the exported files of two results along a log and answer with the errors."""
-    work = workflows.simulate
-    gap = work.compare_in_simulator([before, after], log)
+    gap = dynid.compare_in_simulator([before, after], log)
     folder = session.out or (after if after.is_dir() else after.parent)
-    wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{gap.engine}.png")]
+    wrote = [
+        workflows.simulate.save_figure(gap, folder / "simulator" / f"{log.stem}_{gap.engine}.png")
+    ]
     return replace(gap.answer(), wrote=wrote)
 
 

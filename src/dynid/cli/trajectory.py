@@ -116,7 +116,7 @@ def command(
             earlier=around.earlier,
             for_gap=around.for_gap,
             urdf=around.urdf,
-            base=workflows.model.base_model(robot, path.parent),
+            base=dynid.base_model(robot, path.parent),
             drawing=drawing,
         )
         session.show(planned.answer())
@@ -156,7 +156,7 @@ def reviewed(
 ) -> Answer:
     """Judge, preview and ask about a motion that was planned before, and mark it."""
     work, (drawing, window) = workflows.trajectory, view(session, around, path.parent)
-    base = workflows.model.base_model(robot, session.folder(robot.slug))
+    base = dynid.base_model(robot, session.folder(robot.slug))
     motion = work.review_trajectory(
         robot, path, options, urdf=around.urdf, base=base, drawing=drawing
     )
@@ -199,7 +199,6 @@ def view(session: Session, around: Surroundings, folder: Path) -> tuple[Drawing,
         notice([Finding("W604", "info", text)] * auto)
     elif auto:
         window = can_ask(session) and not around.accept
-    folder.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(
         picture=picture if wanted in ("auto", "video", "picture") else None,
         animation=animation if wanted in ("auto", "video") else None,

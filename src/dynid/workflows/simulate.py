@@ -16,7 +16,6 @@ from dynid.arguments import no_such, public
 from dynid.arrays import Floats
 from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
-from dynid.estimation.result import Identification
 from dynid.exporters.driven import drive
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.loading import (
@@ -42,7 +41,6 @@ from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import simulator_figure
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.signals.conditioned_log import condition_logs
-from dynid.sim import tuning
 from dynid.sim.arm import SimulatedArm
 from dynid.sim.comparison import SimulatorGap
 from dynid.sim.driver_loop import DriverLoop, step_of
@@ -51,7 +49,6 @@ from dynid.sim.options import SimDriverOptions
 from dynid.sim.plant import Plant, Sensors, plant_of, read_plant, stepped
 from dynid.sim.ros_drivers import simulated_driver
 from dynid.workflows.export import identified_arm
-from dynid.workflows.gap import Gap
 from dynid.workflows.options import SimulateOptions, joint_indices
 
 #: What computes the rigid bodies.
@@ -240,21 +237,6 @@ def compare_in_simulator(
         simulated=simulated,
         added=added,
     )
-
-
-def gap_in_simulator(gap: Gap, after: Identification) -> SimulatorGap:
-    """Drive an arm without and with what a search named along a recording, at best one that was held out.
-
-    Args:
-        gap: the search.
-        after: what ``gap.apply`` returned.
-
-    Raises:
-        NotSimulated: a simulation diverges.
-    """
-    assert gap.searched is not None
-    log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
-    return compare_in_simulator((gap.searched, after), log, seconds=tuning.DRIVEN_S)
 
 
 def save_figure(gap: SimulatorGap, path: Path) -> Path:
