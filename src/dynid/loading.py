@@ -232,11 +232,6 @@ def as_result(value: ResultLike, name: str = "result") -> Identification:
     return instance(value, Identification, name, wanted)
 
 
-def as_results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]:
-    """Return one or several results, each given by itself, by its folder, or by its file."""
-    return [as_result(each, "results") for each in several(value, "results")]
-
-
 def as_motion(value: MotionLike, arm: Robot) -> Motion:
     """Return a motion given by itself, in a plan, or by the path of its file."""
     held = read_trajectory(Path(value), arm) if isinstance(value, (str, Path)) else value

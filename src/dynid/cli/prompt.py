@@ -214,6 +214,7 @@ def write_once(session: Session, path: Path, text: str) -> None:
     """Write a text, unless the file holds it already; ask before another one is overwritten."""
     if path.is_file() and path.read_bytes() == text.encode() and not session.force:
         session.stage("reused", f"{path}       (the same bytes)")
+        session.written.append(path)  # for the JSON answer it is as if it had been written
     elif may_write(session, path):
         write_text(path, text)
         session.wrote(path)

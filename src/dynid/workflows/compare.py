@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import count
 from pathlib import Path
 
 from dynid.answer import Answer, Answered, Facts, Judged, Part, picked
@@ -16,7 +15,7 @@ from dynid.estimation.result import Identification
 from dynid.files import typed
 from dynid.judgement.evidence import Change, Evidence
 from dynid.judgement.rules import Judgement
-from dynid.loading import ResultLike, as_result, as_results, several
+from dynid.loading import ResultLike, as_result, several
 from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
 from dynid.table import Table
 from dynid.workflows.options import CompareOptions
@@ -247,8 +246,8 @@ def compare(
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
     share = CompareOptions(tolerance).tolerance  # type: ignore[arg-type]  # it reads text
-    words = several(results, "results")
-    given = list(zip(map(_name, words, count(1)), as_results(words), strict=True))
+    words = enumerate(several(results, "results"), start=1)
+    given = [(_name(each, f"run {k}"), as_result(each, "results")) for k, each in words]
     reference, first = given[0]
     if baseline is not None:
         reference, first = _name(baseline, "baseline"), as_result(baseline, "baseline")
@@ -268,6 +267,6 @@ def compare(
     return RunComparison(tuple(runs), None if baseline is None else reference, share)
 
 
-def _name(given: object, number: object) -> str:
+def _name(given: object, otherwise: str) -> str:
     """Return what a result is called: as it was given, or its number."""
-    return str(given) if isinstance(given, (str, Path)) else f"run {number}"
+    return str(given) if isinstance(given, (str, Path)) else otherwise

@@ -25,9 +25,10 @@ from dynid.loading import (
     RobotLike,
     as_log,
     as_motion,
-    as_results,
+    as_result,
     as_robot,
     checked_log,
+    several,
 )
 from dynid.log import Log
 from dynid.model.effects.catalogue import CATALOGUE, DELAY, added_effects
@@ -202,7 +203,7 @@ def compare_in_simulator(
     Example:
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
-    given = as_results(results)
+    given = [as_result(each, "results") for each in several(results, "results")]
     first, last = given[0], given[-1]
     robot, options = first.robot, LogOptions(cutoff=first.cutoff or None, delay=first.delay)
     recording = as_log(log, robot, options)
