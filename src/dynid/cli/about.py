@@ -16,6 +16,7 @@ from dynid.arguments import no_such
 from dynid.cli.commands import COMMANDS, command_of
 from dynid.cli.options import (
     COMMON,
+    TYPED,
     TYPES,
     configure,
     dynid_command,
@@ -37,24 +38,22 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
     ctx = click.get_current_context()
     for name in sorted(COMMANDS, key="doctor".__ne__):
         command = command_of(name)
-        configured = settings(command, file)
+        configured, here = settings(command, file), command is ctx.command
         for key, option in keys_of(command).items():
-            if key == "config":
+            if key == "config" or (key in COMMON) is not here:
                 continue
-            common = key in COMMON
             value: Any = option.get_default(ctx)
             value = value if isinstance(value, (bool, int, float, str)) else None
             source = "default"
             names = [each for each in option.envvar or () if os.environ.get(each)]
-            typed = ctx.get_parameter_source(key) is click.core.ParameterSource.COMMANDLINE
-            if typed and command is ctx.command:
+            if here and ctx.get_parameter_source(key) is TYPED:
                 value, source = ctx.params[key], "command line"
             elif names:
                 value, source = os.environ[names[0]], names[0]
             elif key in configured:
                 value, source = words_of(configured[key]), configured[key].where
-            if command is ctx.command if common else source != "default":
-                where = "" if common else name
+            if here or source != "default":
+                where = "" if here else name
                 yield {"command": where, "option": key, "value": value, "source": source}
 
 

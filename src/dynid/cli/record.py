@@ -16,7 +16,7 @@ from dynid.disk import sha256
 from dynid.drivers.ros import raise_priority
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.judgement.rules import Step
-from dynid.options import option
+from dynid.options import LogOptions, option
 from dynid.text import shell
 from dynid.workflows.options import RecordOptions
 
@@ -117,8 +117,8 @@ def ended(session: Session, done: Recording, outcome: Outcome, convert: bool | N
     steps = [Step("", f"dynid identify {robot.word} {shell(bag)}")]
     made = []
     if ask(session, "P4", given=convert) == "yes":
-        header = session.header({"log": sha256(bag)})
-        made = [workflows.record.convert(done, header)]
+        log = dynid.loading.read_log(bag, robot, LogOptions(topic=done.options.topic))
+        made = [log.save(bag.with_name("log.npz"), session.header({"log": sha256(bag)}))]
     else:
         check = f"dynid check {shell(bag)} --robot {robot.word} --convert"
         steps.insert(0, Step("", check))

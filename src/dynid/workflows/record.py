@@ -19,7 +19,6 @@ from dynid.drivers.interface import driver_of
 from dynid.drivers.ros import connect
 from dynid.errors import Declined, DynidError, LimitsAssumed, NotReviewed, StartPoseOff, WrongUsage
 from dynid.estimation.result import Identification
-from dynid.files.logs import read_log
 from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.motion import Motion
 from dynid.progress import advance, notice, stage
@@ -361,16 +360,3 @@ def require_confirmed(operator: Operator, robot: Robot) -> None:
     """
     if operator.confirm_motion(robot.slug) is not True:
         raise Declined(f"nobody confirmed that {robot.slug} may move", why="the arm was not moved")
-
-
-def convert(recording: Recording, header: Facts) -> Path:
-    """Write log.npz beside log.bag and return its path.
-
-    Args:
-        recording: what was recorded.
-        header: facts for its header.
-    """
-    bag, topic = recording.files[0], recording.options.topic
-    target = bag.with_name("log.npz")
-    read_log(bag, robot=recording.robot, topic=topic).save(target, header)
-    return target
