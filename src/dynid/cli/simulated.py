@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -19,6 +18,7 @@ from dynid.disk import sha256
 from dynid.drivers.ros import raise_priority
 from dynid.judgement.rules import Step
 from dynid.options import option
+from dynid.runs import RunFolder
 from dynid.sim.options import SimDriverOptions
 from dynid.text import shell
 from dynid.workflows.options import SimulateOptions
@@ -58,7 +58,11 @@ def simulate_command(
       dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log
     """
     if compare is not None:
-        return compared(session, Path(robot), trajectory, compare)
+        before, after = robot, trajectory
+        gap = dynid.compare_in_simulator([before, after], compare)
+        folder = (session.out or RunFolder.of(after).path) / "simulator"
+        picture = folder / f"{compare.stem}_{gap.engine}.png"
+        return replace(gap.answer(), wrote=[workflows.simulate.save_figure(gap, picture)])
     arm = dynid.load_robot(robot, tip=tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, "motion": sha256(trajectory), **options.texts()}
@@ -68,16 +72,6 @@ def simulate_command(
         wrote.append(simulation.log.save(target, session.header(inputs)))
     step = Step("", f"dynid identify {arm.word} {shell(target)}")
     return replace(simulation.answer(), wrote=wrote, next=[step])
-
-
-def compared(session: Session, before: Path, after: Path, log: Path) -> Answer:
-    """Drive the exported files of two results along a log and answer with the errors."""
-    gap = dynid.compare_in_simulator([before, after], log)
-    folder = session.out or (after if after.is_dir() else after.parent)
-    wrote = [
-        workflows.simulate.save_figure(gap, folder / "simulator" / f"{log.stem}_{gap.engine}.png")
-    ]
-    return replace(gap.answer(), wrote=wrote)
 
 
 @dynid_command("sim-driver")

@@ -207,7 +207,11 @@ def export(
     for name in chosen:
         if name not in FORMATS:
             raise no_such("formats: no format", name, FORMATS)
-    names = chosen or (format_of(path),)
+    of_suffix = (form.name for form in FORMATS.values() if form.suffix == path.suffix.lower())
+    names = chosen or tuple(of_suffix)
+    if not names:
+        fix = f"a file with one of {', '.join(form.suffix for form in FORMATS.values())}"
+        raise WrongUsage(f"no format has the suffix '{path.suffix}' of {path}", fix=fix)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
     arm = identified_arm(result, names, options)
@@ -261,19 +265,6 @@ def _write_draws(
 
 #: The file of what simulators' files have no place for.
 EFFECTS_FILE = "effects.py"
-
-
-def format_of(path: Path) -> str:
-    """Return the format that a file's suffix names.
-
-    Raises:
-        WrongUsage: there is none.
-    """
-    for form in FORMATS.values():
-        if path.suffix.lower() == form.suffix:
-            return form.name
-    fix = f"a file with one of {', '.join(form.suffix for form in FORMATS.values())}"
-    raise WrongUsage(f"no format has the suffix '{path.suffix}' of {path}", fix=fix)
 
 
 def identified_arm(

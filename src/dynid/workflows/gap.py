@@ -77,15 +77,6 @@ ASKED = {
 LONGEST = 480.0
 
 
-def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
-    """Return what is searched on one arm, every name checked."""
-    for word in options.effects:
-        if word not in CATALOGUE:
-            raise no_such("--effects: no effect", word, CATALOGUE)
-    joints = joint_indices(robot.joint_names, options.joints, "--joints")
-    return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
-
-
 @dataclass(frozen=True, repr=False, eq=False)
 class Gap(Judged, GapRecord):
     """What ``find_gap`` found; equal to another one by what is in its file.
@@ -400,7 +391,12 @@ def find_gap(
         dynid.find_gap("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
     result = as_result(result)
-    wanted = selection_options(result.robot, options)
+    for word in options.effects:
+        if word not in CATALOGUE:
+            raise no_such("--effects: no effect", word, CATALOGUE)
+    joints = joint_indices(result.robot.joint_names, options.joints, "--joints")
+    sure = 1.0 - options.false_alarm
+    wanted = SelectionOptions(options.effects, joints, sure, options.max_effects)
     given = as_logs(logs, result.robot, options)
     before = as_logs(earlier, result.robot, options, "earlier") if earlier else []
     search = _Search(result, wanted, options)
