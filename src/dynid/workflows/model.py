@@ -203,7 +203,7 @@ def base_model(
 
 
 # ---------------------------------------------------------------- for people
-def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[Facts, str]:
+def relations(model: Model, form: str, *, at_rest: bool) -> tuple[Facts, str]:
     """Return the relations behind all base parameters, so that a vendor's grouped numbers can be named.
 
     Args:

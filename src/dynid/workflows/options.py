@@ -26,9 +26,7 @@ from dynid.text import whole_number
 
 #: Columns that each joint may have beyond its link's ten parameters.
 EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
-METHODS = ("auto", "wls", "ols", "irls", "iv", "ridge")
-#: The questions of a gap search, and the names that two of them had before.
-QUESTIONS = ("numbers", "arm", "changed")
+#: Earlier names of two questions of a gap search.
 MODES = {"refit": "numbers", "frozen": "changed"}
 #: Names of the formats, repeated from ``dynid.exporters`` so that help needs no import.
 FORMATS = ("urdf", "mjcf", "yaml", "c", "python", "matlab")
@@ -192,7 +190,7 @@ class IdentifyOptions(LogOptions):
     method: str = option(
         "auto",
         "Estimator; auto takes the one that the log allows and reports why.",
-        choices=METHODS,
+        choices=("auto", "wls", "ols", "irls", "iv", "ridge"),
     )
     feasible: bool | None = option(
         None,
@@ -252,7 +250,7 @@ class GapOptions(LogOptions):
         "auto",
         "numbers: effects that remain after refitting all parameters; arm: effects that only implausible links could "
         "imitate; changed: what has changed since the model was identified; auto chooses by the logs and says why.",
-        choices=("auto", *QUESTIONS),
+        choices=("auto", "numbers", "arm", "changed"),
     )
     mode: str | None = option(
         None,

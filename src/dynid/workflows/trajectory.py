@@ -524,7 +524,7 @@ class Reviewed(SafeMotion):
 
     stored: StoredTrajectory
 
-    def accept(self, *, seen: bool = True) -> None:
+    def accept(self, *, seen: bool) -> None:
         """Write its file with the mark of the person at this machine, who has seen it in these surroundings."""
         accepted = self.stored.accepted(seen=seen, scene=self.scene_facts)
         assert accepted.source is not None
