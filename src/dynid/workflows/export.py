@@ -12,6 +12,7 @@ from dynid.answer import Answer, Answered, Facts, picked
 from dynid.arguments import no_such, public
 from dynid.disk import write_text
 from dynid.errors import Finding, NotPhysical, WrongUsage
+from dynid.estimation.draws import Draws
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import Identification
 from dynid.exporters import FORMATS
@@ -214,6 +215,9 @@ def export(
         raise WrongUsage(f"no format has the suffix '{path.suffix}' of {path}", fix=fix)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
+    hosts = [name for name in names if name in HOSTS]
+    if options.draws and not hosts:
+        raise WrongUsage("draws are written as URDF or MJCF", fix="add --format mjcf")
     arm = identified_arm(result, names, options)
     findings = _possible(arm, names, options)
     notice(findings)
@@ -231,26 +235,17 @@ def export(
         notice(files[-1].findings())
     drawn: tuple[Path, ...] = ()
     if options.draws:
-        hosts = [name for name in names if name in HOSTS]
-        if not hosts:
-            raise WrongUsage("draws are written as URDF or MJCF", fix="add --format mjcf")
         stage("draw", f"{options.draws} arms")
-        drawn = _write_draws(result, arm, options.draws, seed, folder / "draws", hosts)
+        drawn = _write_draws(arm, result.draws(options.draws, seed), folder / "draws", hosts)
     return ExportedModel(arm, tuple(files), findings, result.relative_error_percent, drawn)
 
 
 def _write_draws(
-    result: Identification,
-    arm: IdentifiedArm,
-    count: int,
-    seed: int,
-    folder: Path,
-    hosts: Sequence[str],
+    arm: IdentifiedArm, drawn: Draws, folder: Path, hosts: Sequence[str]
 ) -> tuple[Path, ...]:
     """Write arms drawn from the posterior about an arm, and ``draws.json`` with ranges and correlations."""
-    drawn = result.draws(count, seed)
-    texts: dict[str, str] = {}
-    digits, with_effects = len(str(count)), wanted(arm, tuple(hosts)) and bool(arm.base.model.added)
+    texts, digits = dict[str, str](), len(str(len(drawn.x)))
+    with_effects = wanted(arm, tuple(hosts)) and arm.base.model.added
     for k, (x, theta) in enumerate(zip(drawn.x, drawn.theta, strict=True), start=1):
         one = replace(arm, theta=theta, full=model_of(arm.base, drawn.names, x, arm.full.origin))
         stem = f"{arm.file_stem}_{k:0{digits}d}"
