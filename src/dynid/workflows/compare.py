@@ -127,7 +127,7 @@ class ComparedRun(Judged):
                 row["name"]: {"value": row["value"], "std_error": row["std_error"]}
                 for row in facts["parameters"]
             },
-            "log_sha256": list(self.result.log_sha256),
+            "log_sha256": self.result.log_sha256,
         }
 
 

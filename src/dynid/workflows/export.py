@@ -139,7 +139,7 @@ class ExportedModel(Answered):
         return {
             "robot": self.arm.robot.name,
             "files": [file.facts() for file in self.files],
-            "impossible_links": list(full.impossible_links()),
+            "impossible_links": full.impossible_links(),
             "origin": dict(full.origin),
             "findings": [asdict(finding) for finding in self.findings],
             "draws": [str(path) for path in self.drawn],
@@ -317,7 +317,7 @@ def _possible(
         why = f"simulators refuse such a {bodies} file or replace its inertias silently"
         fix = "export --set physical, or c, python, matlab or yaml, or add --allow-infeasible"
         raise NotPhysical(what, why=why, fix=fix)
-    return (Finding("W409", "warning", what, {"links": list(impossible)}),)
+    return (Finding("W409", "warning", what, {"links": impossible}),)
 
 
 def _proved(form: Format, path: Path, text: str, arm: IdentifiedArm, seed: int) -> ExportedFile:

@@ -173,7 +173,7 @@ def _kind_of(path: str) -> str:
 def _check_robot(robot: Robot) -> Checked:
     """Describe a robot file that could be read."""
     added_effects(robot)  # Why: it raises what is wrong with them.
-    tool = tool_pose(robot, np.zeros(robot.n))[:3, 3].tolist()
+    tool = tool_pose(robot, np.zeros(robot.n))[:3, 3]
     revolute = sum(joint.revolute for joint in robot.joints)
     counts = {"revolute": revolute, "prismatic": robot.n - revolute}
     kinds = " and ".join(f"{count} {kind}" for kind, count in counts.items() if count)
@@ -192,9 +192,8 @@ def _check_robot(robot: Robot) -> Checked:
     )
     facts = {
         **picked(robot, "convention", robot="name", n_joints="n", key="model_key"),
-        "joints": list(robot.joint_names),
+        **picked(robot, joints="joint_names", gravity_m_s2="gravity"),
         "tool_at_zero_m": tool,
-        "gravity_m_s2": list(robot.gravity),
     }
     path = str(robot.path or robot.source)
     return Checked(path, "robot", lines, facts, robot.findings, robot)
@@ -229,9 +228,8 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
         left = f"; ignored: {', '.join(ignored)}" if ignored else ""
         matched = f"matched by name: {', '.join(raw.names[k] for k in columns)}{left}"
     facts = {
-        "robot": robot.name,
+        **picked(robot, robot="name", joints="joint_names"),
         "topic": raw.topic,
-        "joints": list(robot.joint_names),
         "ignored": ignored,
         **numbers,
     }
@@ -291,7 +289,7 @@ def inspected(path: Path, options: LogOptions) -> Checked:
         units = likely_units(log)
         effort = units["effort"] if has_torques(log) else "no torques"
         rate = (len(log) - 1) / log.duration if log.duration > 0 else 0.0
-        span = np.ptp(log.q, axis=0).tolist()
+        span = np.ptp(log.q, axis=0)
         names = ", ".join(log.names) or f"{log.n} without names"
         lines += [
             ("joints", f"{log.topic} {names}".strip()),
@@ -300,11 +298,9 @@ def inspected(path: Path, options: LogOptions) -> Checked:
         ]
         described.append(
             {
-                "topic": log.topic,
+                **picked(log, "topic", joints="names", duration_s="duration"),
                 "units": units,
-                "joints": list(log.names),
                 "samples": len(log),
-                "duration_s": log.duration,
                 "rate_hz": rate,
                 "span": span,
             }
@@ -313,7 +309,7 @@ def inspected(path: Path, options: LogOptions) -> Checked:
     lines += [("" if k else "robot file", line) for k, line in enumerate(snippet.splitlines())]
     facts = {
         "topics": [picked(t, "name", "type", messages="count") for t in contents.topics.values()],
-        "columns": list(contents.columns),
+        "columns": contents.columns,
         "joint_states": described,
         "snippet": snippet,
     }
@@ -348,8 +344,7 @@ def convert(
         log, findings = max(logs, key=len), contents.findings
     facts = {
         "samples": len(log),
-        "duration_s": log.duration,
-        "joints": list(log.names),
+        **picked(log, duration_s="duration", joints="names"),
     }
     size = f"{len(log)} samples, {log.duration:.1f} s, {log.n} joints"
     return Answer(facts, parts=(*findings, ("log", size)), wrote=[write_log(log, target)])
@@ -383,7 +378,7 @@ def import_urdf(path: Path, options: ImportOptions) -> tuple[str, Answer]:
     )
     robot, pose = made.robot, made.tip_pose
     # Position [m] and roll, pitch, yaw [rad] of the tip in the last DH frame, rounding noise taken off.
-    rows = (pose[:3, 3].tolist(), roll_pitch_yaw(pose[:3, :3]))
+    rows = (pose[:3, 3], roll_pitch_yaw(pose[:3, :3]))
     xyz, rpy = ([round(float(value), 12) + 0.0 for value in row] for row in rows)
     known = picked(made, "base", "tip", "largest")
     head = HEAD.format(urdf=path.name, xyz=xyz, rpy=rpy, **known)

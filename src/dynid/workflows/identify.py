@@ -300,7 +300,7 @@ def save_result(folder: Path, result: Identification, facts: Facts | None = None
     # Why both: a log is found from any working folder, and where the folders were moved together.
     if all(path and Path(path).exists() for path in logs):
         facts["logs_from_here"] = [os.path.relpath(path, folder) for path in logs]
-    there, joints = RunFolder(folder), list(result.robot.joint_names)
+    there, joints = RunFolder(folder), result.robot.joint_names
     header = {**facts, **result.header, "joints": joints, "torque_from": "identified"}
     assert result.stack is not None, "a result that was read from a file has no rows"
     motions = prediction.predict_logs(result.stack, result.theta, result.model_error)

@@ -139,7 +139,7 @@ class Observations(Answered):
         motion = RunFolder(folder).motion
         prior = self.base.prior(unknown=0.0)
         words = "the prior; dynid identify puts the identified torque here"
-        header = {"joints": list(self.stack.joints), "torque_from": words}
+        header = {"joints": self.stack.joints, "torque_from": words}
         motions = prediction.predict_logs(self.stack, prior)
         wrote = self.save_stack(folder, facts)
         prediction.save(motion, motions, {**(facts or {}), **self.header(), **header})

@@ -75,7 +75,7 @@ class Simulation(Answered):
             "physics": PHYSICS,
             "samples": len(self.log),
             "duration_s": self.log.duration,
-            "torque_max_nm": np.abs(self.torque).max(axis=0).tolist(),
+            "torque_max_nm": np.abs(self.torque).max(axis=0),
         }
         return Answer(facts, notes=[("physics", f"{PHYSICS}; the arm follows the motion exactly")])
 

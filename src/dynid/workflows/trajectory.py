@@ -153,7 +153,7 @@ class Plan(Answered, SafeMotion):
         if unsafe_to_play(assumed):
             text = f"the robot file has no limits for {'; '.join(assumed)} is assumed"
             text += "; dynid record refuses assumed rates"
-            findings.append(Finding("W606", "warning", text, {"assumed": list(assumed)}))
+            findings.append(Finding("W606", "warning", text, {"assumed": assumed}))
         if text := self.too_little:
             error = {"expected_torque_error_nm": self.at_full_speed.torque_error}
             findings.append(Finding("W608", "warning", text, error))
@@ -206,14 +206,14 @@ class Plan(Answered, SafeMotion):
                 picked(each, "pair", distance_m="distance", time_s="time")
                 for each in distances[:CLOSEST]
             ],
-            "left_out_pairs": list(self.clearance.left_out),
-            "assumed_limits": list(assumed_limits(self.robot)),
+            "left_out_pairs": self.clearance.left_out,
+            "assumed_limits": assumed_limits(self.robot),
             "predicted_std_error": dict(zip(self.context.base.names, errors.tolist(), strict=True)),
             "expected_torque_error_nm": self.prediction.torque_error,
             "ladder": [asdict(row) for row in self.alphas],
-            "torque_noise_nm": self.context.noise.tolist(),
+            "torque_noise_nm": self.context.noise,
             **picked(self, "weakest", "search", torque_noise_from="noise_from"),
-            "unexplained_torque_nm": self.unexplained,
+            **picked(self, unexplained_torque_nm="unexplained"),
             "outlook": list(self.outlook),
         }
 

@@ -173,7 +173,7 @@ class Validation(Judged):
         path = RunFolder(folder).motion
         header = {
             "robot": self.robot.name,
-            "joints": list(self.robot.joint_names),
+            "joints": self.robot.joint_names,
             "log_sha256": [self.log_sha256],
             "torque_from": "identified",
             "unseen": asdict(self.unseen),
