@@ -121,7 +121,7 @@ class ComparedRun(Judged):
         )
         return {
             "run": self.name,
-            "path": str(self.result.path),
+            "path": self.result.path,
             **{key: facts[key] for key in same},
             "parameters": {
                 row["name"]: {"value": row["value"], "std_error": row["std_error"]}

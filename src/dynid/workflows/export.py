@@ -76,8 +76,7 @@ class ExportedFile:
         """Return the file as the JSON answer has it."""
         keys = {"largest_difference_nm": "largest", "torque_rms_nm": "torque_rms"}
         return {
-            "format": self.format,
-            "path": str(self.path),
+            **picked(self, "format", "path"),
             "checks": [
                 picked(each, "engine", "what", "states", "agrees", **keys)
                 for each in self.agreements
@@ -142,7 +141,7 @@ class ExportedModel(Answered):
             "impossible_links": full.impossible_links(),
             "origin": dict(full.origin),
             "findings": [asdict(finding) for finding in self.findings],
-            "draws": [str(path) for path in self.drawn],
+            "draws": self.drawn,
         }
 
     def answer(self) -> Answer:

@@ -355,7 +355,7 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
     }
     schema = kind_of(file)
     if schema not in readers:
-        raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=str(file))
+        raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=file)
     loaded = readers[schema](file)
     return instance(loaded, kind, "path", f"a file with an object of type {kind.__name__}")
 

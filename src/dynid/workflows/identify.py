@@ -121,7 +121,7 @@ def _read_prior(path: Path, robot: Robot) -> Prior:
     """Read link bodies from a YAML file, or from a URDF whose frames are found by comparing poses."""
     if not path.is_file():
         fix = "--prior FILE.yaml or --prior FILE.urdf"
-        raise LogNotFound(f"no such file {path}", where=str(path), fix=fix)
+        raise LogNotFound(f"no such file {path}", where=path, fix=fix)
     if path.suffix in (".yaml", ".yml"):
         return robotfile.read_prior(path, robot)
     return attached(path, robot).prior()

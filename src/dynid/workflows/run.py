@@ -11,6 +11,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from dynid import children
 from dynid.answer import Facts
@@ -113,7 +114,7 @@ def run_job(job: Job, out: Path, words: list[str], home: Path) -> Facts:
     worst, message, log = 0, "", ""
     answers: dict[str, list[Facts]] = {}
     for name, *own in commands_of(job, folder):
-        typed = (name, "--json", "--no-input", *words, *own)
+        typed = map(str, (name, "--json", "--no-input", *words, *own))
         line = children.python("from dynid.__main__ import main; main()", *typed)
         done = subprocess.run(line, cwd=home, capture_output=True, text=True)
         status = done.returncode if done.returncode in set(ExitStatus) else ExitStatus.INTERNAL
@@ -134,21 +135,20 @@ def _complaint(said: str) -> str:
     return next((each for each in lines if each.startswith(("error[", "limit "))), lines[-1])
 
 
-def commands_of(job: Job, folder: Path) -> list[list[str]]:
+def commands_of(job: Job, folder: Path) -> list[list[Any]]:
     """Return the words of a job's commands; behind -- a log that is called --force is a log."""
-    words = ["--out", str(folder)]
+    words: list[Any] = ["--out", folder]
     for key, value in job.options.items():
         flag = f"--{key.replace('_', '-')}"
         words += [flag] if value == "true" else [] if value == "false" else [flag, value]
     for limit in job.fail_if:
         words += ["--fail-if", limit]
-    result = str(folder)
     limits = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
-    commands = [["identify", *words, "--", job.robot, *map(str, job.logs)]]
-    commands += [["validate", "--no-plot", *limits, "--", result, str(x)] for x in job.validate]
+    commands = [["identify", *words, "--", job.robot, *job.logs]]
+    commands += [["validate", "--no-plot", *limits, "--", folder, log] for log in job.validate]
     if job.baseline is not None:
         within = ["--tolerance", job.tolerance] if job.tolerance else []
-        commands.append(["compare", "--baseline", str(job.baseline), *within, "--", result])
+        commands.append(["compare", "--baseline", job.baseline, *within, "--", folder])
     return commands
 
 
@@ -172,9 +172,9 @@ def facts_of(
     return {
         "name": job.name,
         "robot": job.robot,
-        "logs": [str(log) for log in job.logs],
-        "folder": str(folder),
-        "status": int(status),
+        "logs": job.logs,
+        "folder": folder,
+        "status": status,
         "outcome": ("beyond a limit" if status else "passed") if kept else "failed",
         "message": message,
         "seconds": seconds,
