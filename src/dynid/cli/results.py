@@ -183,7 +183,7 @@ def written(session: Session, checked: Checked, options: LogOptions, fix: bool) 
     if log is None or checked.robot is None:
         return []
     target = session.folder(checked.robot.slug) / "log.npz"
-    inputs = {"log": sha256(Path(checked.path)), **options.texts(), "fix": str(fix)}
+    inputs = {"log": sha256(checked.path), **options.texts(), "fix": str(fix)}
     if not may_write(session, target, inputs):
         return []
     return [log.save(target, session.header(inputs))]

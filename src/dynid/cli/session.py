@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from datetime import datetime
 from functools import cached_property
 from math import isfinite
@@ -304,7 +304,8 @@ def _console(stream: TextIO, mode: str) -> Console:
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as JSON knows it: arrays as lists, paths as text, what is not finite as null."""
+    """Return a value as JSON knows it: arrays as lists, objects as maps, paths as text, what is not finite as null."""
+    value = vars(value) if is_dataclass(value) else value
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dynid.answer import Answer, Answered, Facts, Judged, Part, picked
@@ -99,10 +99,8 @@ class ComparedRun(Judged):
         beyond = () if self.tolerance is None else self.changed
         return {
             **picked(self, run="name", against="reference"),
-            "p_value": self.comparison.p_value,
-            "changed": [asdict(each) for each in self.comparison.drifted],
-            "beyond_tolerance": [asdict(each) for each in beyond],
-            "figures": [asdict(each) for each in self.comparison.figures],
+            **picked(self.comparison, "p_value", "figures", changed="drifted"),
+            "beyond_tolerance": beyond,
             "passed": not self.drift,
             "judgement": self.judgement.facts(),
         }

@@ -7,7 +7,7 @@ import os
 import platform
 import shutil
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from dynid.answer import Answer, picked
@@ -60,7 +60,7 @@ def doctor() -> Answer:
     usable = not any(check.name in REQUIRED for check in missing)
     return Answer(
         {
-            "checks": [asdict(check) for check in checks],
+            "checks": checks,
             "works": works,
             "does_not_work": [check.name for check in missing],
         },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +140,7 @@ class ExportedModel(Answered):
             "files": [file.facts() for file in self.files],
             "impossible_links": full.impossible_links(),
             "origin": dict(full.origin),
-            "findings": [asdict(finding) for finding in self.findings],
+            "findings": self.findings,
             "draws": self.drawn,
         }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +56,7 @@ class Checked:
         log: the log in DH quantities, after the repairs that lose nothing.
     """
 
-    path: str
+    path: Path
     kind: str
     description: Lines
     facts: Facts
@@ -82,18 +82,18 @@ def check(
     Raises:
         DynidError: the first serious fault of any file.
     """
-    kinds = [(str(path), _kind_of(str(path))) for path in paths]
+    kinds = [(Path(path), _kind_of(str(path))) for path in paths]
     robots = {path: load_robot(path) for path, kind in kinds if kind == "robot"}
     arm, checks = robot or next(iter(robots.values()), None), []
     for path, kind in kinds:
         if kind == "robot":
             checks.append(_check_robot(robots[path]))
         elif kind == "result":
-            checks.append(_check_result(Path(path)))
+            checks.append(_check_result(path))
         elif arm is None:
-            checks.append(inspected(Path(path), options))
+            checks.append(inspected(path, options))
         else:
-            checks.append(_check_log(Path(path), arm, options))
+            checks.append(_check_log(path, arm, options))
     return checks
 
 
@@ -112,7 +112,7 @@ def checks_answer(
     warnings = sum(each.level == "warning" for each in findings)
     for each in checks:
         parts += [*[""] * bool(parts), *each.description, *each.findings]
-    names = " and ".join(Path(each.path).name for each in checks)
+    names = " and ".join(each.path.name for each in checks)
     but = f", but see the warning{'s' * (warnings > 1)}" if warnings else ": no mistake was found"
     sentence = f"{names} can be used{but}."
     if missing:
@@ -125,12 +125,12 @@ def checks_answer(
             {
                 **picked(each, "path", "kind"),
                 **each.facts,
-                "findings": [asdict(finding) for finding in each.findings],
+                "findings": each.findings,
                 "wrote": files,
             }
             for each, files in pairs
         ],
-        "findings": [asdict(each) for each in findings],
+        "findings": findings,
         "warnings": warnings,
         "usable": not missing,
     }
@@ -195,7 +195,7 @@ def _check_robot(robot: Robot) -> Checked:
         **picked(robot, joints="joint_names", gravity_m_s2="gravity"),
         "tool_at_zero_m": tool,
     }
-    path = str(robot.path or robot.source)
+    path = Path(str(robot.path or robot.source))
     return Checked(path, "robot", lines, facts, robot.findings, robot)
 
 
@@ -208,11 +208,11 @@ def _check_result(path: Path) -> Checked:
     for key in ("robot", "command", "seed", "convention", "method", "rank", "key"):
         if key in header:
             lines.append((key, str(header[key])))
-    shapes = {name: list(array.shape) for name, array in artifact.arrays.items()}
+    shapes = {name: array.shape for name, array in artifact.arrays.items()}
     sizes = (f"{name} {' x '.join(map(str, shape)) or 'scalar'}" for name, shape in shapes.items())
     lines.append(("arrays", ", ".join(sizes)))
     facts = {"result": artifact.schema, "header": header, "arrays": shapes}
-    return Checked(str(path), "result", tuple(lines), facts)
+    return Checked(path, "result", lines, facts)
 
 
 # ---------------------------------------------------------------- logs
@@ -247,7 +247,7 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
         ("units", _units(numbers, robot)),
         ("motion", f"{numbers['least_moving']} moves least {slowest}"),
     )
-    return Checked(str(path), "log", lines, facts, log.findings, robot, raw, log)
+    return Checked(path, "log", lines, facts, log.findings, robot, raw, log)
 
 
 def _units(numbers: Facts, robot: Robot) -> str:
@@ -313,7 +313,7 @@ def inspected(path: Path, options: LogOptions) -> Checked:
         "joint_states": described,
         "snippet": snippet,
     }
-    return Checked(str(path), "log", tuple(lines), facts, contents.findings)
+    return Checked(path, "log", lines, facts, contents.findings)
 
 
 def convert(
@@ -390,7 +390,7 @@ def import_urdf(path: Path, options: ImportOptions) -> tuple[str, Answer]:
         "joints": [picked(joint, "type", joint="name", **lengths) for joint in robot.joints],
         "tip_in_last_frame": {"xyz_m": xyz, "rpy_rad": rpy},
         "mass_kg": sum(body.mass for body in bodies) if robot.prior else None,
-        "findings": [asdict(finding) for finding in made.findings],
+        "findings": made.findings,
     }
     chain = f"{robot.n} joints from {made.base} to {made.tip}, {robot.convention} DH"
     answer = Answer(
