@@ -42,9 +42,6 @@ ResultLike: TypeAlias = Identification | str | Path
 MotionLike: TypeAlias = Motion | HasMotion | str | Path
 
 
-URDF = ".urdf"
-
-
 @public
 def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = None) -> Robot:
     """Return an arm.
@@ -66,8 +63,8 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
     if not isinstance(source, (str, Path)):
         return as_robot(source, "source")
     file, mark, link = str(source).rpartition("#")
-    path = Path(file if mark and file.lower().endswith(URDF) else source)
-    if path.suffix.lower() != URDF:
+    path = Path(file if mark and file.lower().endswith(".urdf") else source)
+    if path.suffix.lower() != ".urdf":
         if tip is not None or base is not None:
             raise WrongUsage(
                 f"{source} is not a URDF: its chain has one tip", fix="leave out --tip"

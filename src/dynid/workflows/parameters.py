@@ -100,7 +100,7 @@ class Observations(Answered):
     def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid parameters`` says."""
         R, header = merge(self.stack.factors), self.header()
-        solution, weak = solve(R), [asdict(finding) for finding in weakly_excited(self.stack)]
+        solution = solve(R)
         same = (
             "robot",
             "cutoff_hz",
@@ -116,7 +116,7 @@ class Observations(Answered):
             **picked(solution, "rank", "condition_number_scaled"),
             "structural_rank": self.base.rank,
             "condition_number": condition_number(R, solution.rank),
-            "findings": [*header["log_findings"], *weak],
+            "findings": [*self.findings, *weakly_excited(self.stack)],
         }
 
     def answer(self) -> Answer:
