@@ -15,7 +15,7 @@ import inspect
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields, replace
-from functools import partial, wraps
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -76,11 +76,17 @@ def key_of(each: Field[Any]) -> str:
 def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN401
     """Return the option of a declared field; ``facts`` are further arguments of ``click.option``."""
     said, flag = declaration_of(each), flag_of(each)
-    name, short = key_of(each), [f"-{each.name[0]}"] if each.name in SHORT else []
-    facts |= {"default": each.default, "help": said.help, "metavar": said.metavar or None}
-    facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
-    facts["show_default"] = said.nothing if each.default is None else None
-    facts |= {"type": type_of(each.type), "is_flag": isinstance(each.default, bool) or None}
+    short = [f"-{each.name[0]}"] if each.name in SHORT else []
+    facts |= {
+        "default": each.default,
+        "show_default": said.nothing if each.default is None else None,
+        "type": type_of(each.type),
+        "is_flag": isinstance(each.default, bool) or None,
+        "multiple": said.repeatable,
+        "metavar": said.metavar or None,
+        "help": said.help,
+        "allow_from_autoenv": not said.deliberate,
+    }
     # Why: what is on, or decided by the data, has to be switched off somehow.
     if said.pair or ("bool" in each.type and each.default is not False):
         flag += f"/{said.off or '--no-' + flag[2:]}"
@@ -91,7 +97,7 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
         facts["type"] = ranged(*said.bounds)
     elif said.read is not None:
         facts["type"] = str
-    return click.option(*short, flag, name, **facts | KINDS.get(said.kind, {}))
+    return click.option(*short, flag, key_of(each), **facts | KINDS.get(said.kind, {}))
 
 
 def argument_of(each: inspect.Parameter) -> Decorator:
@@ -287,9 +293,13 @@ def dynid_command(
         common_line = [declared_option(each, is_eager=True) for each in fields(Session)]
         for each in reversed([*[FROM_OPTION] * repeatable, config, *common_line, *own_line]):
             decorated = each(decorated)
-        epilog = f"Docs: docs/reference/cli.md#dynid-{name}, or dynid explain"
-        kind: Any = partial(click.command, cls=Command, context_settings=CONTEXT, epilog=epilog)
-        command: Command = kind(name, help=shown(function.__doc__))(decorated)
+        command = click.command(
+            name,
+            cls=Command,
+            context_settings=CONTEXT,
+            help=shown(function.__doc__),
+            epilog=f"Docs: docs/reference/cli.md#dynid-{name}, or dynid explain",
+        )(decorated)
         # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
         for key, option in keys_of(command).items():
             own = f"DYNID_{name}_{key}".upper().replace("-", "_")

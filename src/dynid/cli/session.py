@@ -170,7 +170,7 @@ class Session(Options):
             self.stage("wrote", f"{path}{f'       ({note})' * bool(note)}")
 
     # ------------------------------------------------------------ stdout; nothing of it but JSON with --json
-    def answer(self, text: str = "", style: str = "", indent: int | None = None) -> None:
+    def answer(self, text: str, style: str = "", indent: int | None = None) -> None:
         """Print lines of the answer, folded as ``say`` does."""
         for line in [] if self.json else text.split("\n"):
             self._print(self.stdout, line, style, indent)
