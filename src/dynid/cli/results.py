@@ -135,15 +135,14 @@ def export_command(
       dynid export out/kuka_lwr4plus --format c --format python
       dynid export out/kuka_lwr4plus --format mjcf --draws 100       arms for randomisation
     """
-    made = dynid.export(
+    return dynid.export(
         run,
         session.out or run.path.parent,
         options,
         formats=[name for name in FORMATS if name in format or "all" in format],
         seed=session.seed,
         write=partial(write_once, session),
-    )
-    return made.answer()
+    ).answer()
 
 
 #: Options of reading logs that a check does not need: nothing is filtered.

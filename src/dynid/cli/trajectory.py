@@ -143,9 +143,9 @@ def saved(
     for old in {path.parent / name for name in PICTURES} - {*pictures}:
         old.unlink(missing_ok=True)
     marked = planned if seen is None else planned.accepted(seen=seen)
-    wrote = marked.save(path, inputs)
+    path, *others = marked.save(path, inputs)
     session.wrote(path, note=f"reviewed: {MARKS[seen]}")
-    session.wrote(*wrote[1:])
+    session.wrote(*others)
     step = workflows.trajectory.next_step(planned.robot, path, reviewed=seen is not None)
     session.written.extend(pictures)
     return Answer(marked.facts() | {"reviewed": seen is not None}, next=[step])

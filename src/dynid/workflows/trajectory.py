@@ -335,8 +335,8 @@ def _torque_noise(
     """
     if given is not None:
         if len(given) not in (1, robot.n):
-            shown, wanted = ",".join(f"{sigma:g}" for sigma in given), "one positive number"
-            what = f"--noise '{shown}' must be {wanted}, or {robot.n} of them"
+            shown = ",".join(f"{sigma:g}" for sigma in given)
+            what = f"--noise '{shown}' must be one positive number, or {robot.n} of them"
             raise WrongUsage(what, fix="such as --noise 0.1")
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     if results:
