@@ -23,7 +23,8 @@ from dynid.model.regressor import body_regressor
 from dynid.robot import Body, Joint, Robot
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.checks import beyond
-from dynid.signals.motion import bandwidth, per_joint
+from dynid.signals.filters import choose_cutoff
+from dynid.signals.motion import per_joint
 from dynid.units import POSITION
 
 #: Eigenvalues below this share of the largest are combinations of parameters that the log does not show.
@@ -257,7 +258,7 @@ def robot_file_fit(log: Log, robot: Robot, *, mapped: bool = True) -> RobotFileF
         return None
     t, q, tau = middle(log)
     usual = float(np.median(np.diff(t)))
-    period = 0.33 / max(bandwidth(log, robot), 0.1)
+    period = 0.33 * signal_tuning.CUTOFF_OVER_MOTION / choose_cutoff([log], robot)
     width = max(3, round(min(tuning.SMOOTHING_S, period) / usual))
     if len(t) < 6 * width + 20:
         return None
