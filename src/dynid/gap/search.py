@@ -75,6 +75,11 @@ class Look:
     rivals: tuple[tuple[Place, float], ...] = ()
 
     @property
+    def material(self) -> bool:
+        """Whether it is of any account."""
+        return self.visible >= tuning.MATERIAL
+
+    @property
     def late(self) -> bool:
         """Whether it is a delay of all torques."""
         return self.place.effect.name == DELAY
@@ -124,16 +129,16 @@ def contains(wide: Place, narrow: Place) -> bool:
 
 
 def simplest(looks: Sequence[Look], sure: float) -> Look | None:
-    """Return what is taken of looks, the best first; None where there are none.
+    """Return what is taken of looks, the best first; None where none is of any account.
 
-    Of sure ones on its joint that the best does not rule out, that is the one that explains most; then the special case
-    of it that is not ruled out. The same effect with fewer amplitudes is such a case: a line is one of a cubic.
+    That is the best, or the special case of it that it does not rule out. The same effect with fewer amplitudes is such
+    a case: a line is one of a cubic.
     """
+    looks = [one for one in looks if one.material]
     if not looks:
         return None
     likely = [one for one in looks if one.log_odds > not_ruled_out(looks[0].log_odds)]
-    here = [x for x in likely if x.place.joints[:1] == likely[0].place.joints[:1]]
-    best = max([likely[0], *(x for x in here if x.log_odds > sure)], key=lambda x: x.visible)
+    best = likely[0]
     sure_ones = [one for one in likely if one.log_odds > min(sure, best.log_odds)]
 
     def amplitudes(one: Look) -> int:
@@ -260,9 +265,8 @@ class Search:
             for one in looks
             if one.log_odds > 0.0
         ]
-        # Why first: a long log is sure of torques that matter to nobody, and they are no rivals of what does.
-        looks = [one for one in looks if one.visible >= tuning.MATERIAL]
-        top = max((one.log_odds for one in looks), default=0.0)
+        # Why of these: a long log is sure of torques that matter to nobody.
+        top = max((one.log_odds for one in looks if one.material), default=np.inf)
         exact = []
         for one in looks:
             if one.log_odds > top - BEHIND:
