@@ -64,14 +64,13 @@ def test_two_mistakes_are_named_together():
 
 def test_steps_of_an_encoder_are_no_motion():
     """Two joints creep over steps of 0.5 mrad at 1 kHz, which look like 34 Hz; no joint moves at more than 0.2."""
-    t = np.arange(0.0, 30.0, 1e-3)
-    reach = np.array([0.06, 0.3, 0.3, 0.06, 0.3, 0.3, 0.3])
-    w = np.array([0.35, 0.3, 0.5, 0.36, 0.6, 0.7, 0.8])
-    log = simulate(lwr(), Motion(t, *tones(t, reach, w)), resolution=5e-4, seed=1).log
+    t, reach = np.arange(0.0, 30.0, 1e-3), np.array([0.06, 0.3, 0.3, 0.06, 0.3, 0.3, 0.3])
+    motion = Motion(t, *tones(t, reach, np.linspace(0.35, 0.6, 7)))
+    log = simulate(lwr(), motion, resolution=5e-4, seed=1).log
     found = looked_at(lwr(), log)
     assert not found.wrong
-    # A constant, friction and inertia leave 1.8 N m of joint 2, and differentiated steps are no part of it.
-    assert found.as_written.residual[1] < 0.25 * found.as_written.friction_residual[1] < 0.5
+    # Differentiated, the steps leave 11 N m.
+    assert found.as_written.friction_residual[1] < 1.0
 
 
 def test_edits_that_make_the_same_torques_are_listed_as_such():

@@ -93,16 +93,6 @@ def test_the_held_out_gap_shrinks_to_the_noise_where_the_effect_was(offset):
     assert found.ratio[1, 1] < 1.0
 
 
-def test_a_stribeck_hump_is_fitted_to_its_optimum(twolinks, on_joint):
-    """Height, width and exponent form a valley that steps along single parameters do not leave."""
-    law = lambda v: 0.6 * np.exp(-np.abs(v) / 0.15) * np.tanh(v / twolink.SMOOTH)  # noqa: E731
-    search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, law(qd[:, 0])), ("stribeck",))
-    (one,) = search.selected
-    for name, truth in (("a", 0.6), ("vs", 0.15), ("d", 1.0)):
-        assert abs(one.values[name] - truth) < 3 * one.std_errors[name]
-    assert one.p_value < 1e-20
-
-
 @pytest.mark.slow
 def test_a_delay_is_taken_out_and_the_search_goes_on(twolinks, on_joint):
     effects = ("torque_delay", "torque_offset")
