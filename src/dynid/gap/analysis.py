@@ -145,9 +145,8 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
         late = any(one.name == "torque_delay" for one in some)
         return held_out(problem if late else in_time, some)
 
-    def power(left: Floats, one: SelectedEffect) -> float:
-        on = list(one.effect.rows(one.joints, problem.base.robot.n))
-        return float(np.nansum((left / problem.noise.floor)[:, on] ** 2))
+    def power(left: Floats) -> float:
+        return float(np.nansum((left / problem.noise.floor) ** 2))
 
     while True:
         after, failing = left_by(effects), []

@@ -22,10 +22,10 @@ SAMPLING = 0.3
 OPEN = 0.05
 #: A shape within this factor of an end of its range lies there: all wrong ones did within 1.06.
 AT_END = 1.1
-#: Share of the square of what an effect changes in held-out rows of its joints by which it must lower their squared
-#: errors, and may: 1 where it is as large there as where it was found, -1 where it is not there at all, 2.5 where it
-#: would have to be 1.75 times as large. evidence: benchmarks/gap_choices.md, hidden effects 0.5 to 2.3.
-HELD_OUT = 0.5, 2.5
+#: Share of the square of what an effect changes in held-out rows by which it must lower their squared errors: 1 where
+#: it is as large there as where it was found, -1 where it is not there at all. evidence: benchmarks/gap_choices.md,
+#: effects that were hidden 0.72 and more, false ones 0.43 and less.
+HELD_OUT = 0.5
 #: Square of the change that an effect counts as making there at least, in units of the noise over all rows: what they
 #: do not show they cannot prove. evidence: there too, false elasticities lowered squared errors by 0.02 and less.
 SEEN = 12.0
@@ -80,10 +80,10 @@ def refusal(
             bool(end := at_an_end(search, one)),
             f"{end} is at an end of its range: it may stand for another law",
         ),
-        # Of its joints: on the others errors fall by parameters that move with it.
+        # Of all joints together: parameters of all joints move with an effect.
         (
-            not HELD_OUT[0] <= fall <= HELD_OUT[1],
-            f"on held-out data it explains {100 * max(fall, 0):.0f} % of what it should",
+            fall < HELD_OUT,
+            f"on held-out data it explains only {100 * max(fall, 0):.0f} % of what it should",
         ),
     )
     return next((text for no, text in reasons if no), "")
