@@ -222,7 +222,7 @@ def friction_ratings(robot: Robot) -> dict[str, float]:
 
 
 # ---------------------------------------------------------------- fits
-def fit_physical(R: Floats, r: Floats, constraints: PhysicalConstraints) -> PhysicalParameters:
+def fit_physical(R: Floats, r: Floats, constraints: PhysicalConstraints) -> tuple[Floats, float]:
     """Fit physical parameters with the entropic divergence from the prior as penalty.
 
     Args:
@@ -232,10 +232,11 @@ def fit_physical(R: Floats, r: Floats, constraints: PhysicalConstraints) -> Phys
         constraints: bounds and prior.
 
     Returns:
-        The unique minimiser.
+        The unique minimiser, (c,), and the objective there.
     """
     objective = _objective(R, r, constraints)
-    return _fit(objective, minimise(objective, feasible_start(constraints)), R, constraints)
+    x = minimise(objective, feasible_start(constraints))
+    return x, objective.value(x)
 
 
 def fit_pooled(
@@ -284,7 +285,7 @@ def fit_pooled(
         bound = followed(constraints, x)
     objective = _objective(R, r, bound)
     x = minimise(objective, x)
-    return _fit(objective, x, R, constraints, curvature(constraints, x)), constraints
+    return _fit(objective, x, R, constraints), constraints
 
 
 def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
@@ -397,27 +398,21 @@ def _objective(
 
 
 def _fit(
-    objective: Objective,
-    x: Floats,
-    R: Floats,
-    constraints: PhysicalConstraints,
-    bent: Floats | None = None,
+    objective: Objective, x: Floats, R: Floats, constraints: PhysicalConstraints
 ) -> PhysicalParameters:
-    """Return the parameters at a minimum with their error bars.
+    """Return the parameters at a minimum with their error bars; bodies may be far from the prior's.
 
     Args:
         objective: what they minimise.
         x: the parameters, (c,).
         R: whitened regressor, (rows, c).
         constraints: the set.
-        bent: curvature of the price of bodies that may be far from the prior's, (L, 10, 10); None for that of the
-            entropic divergence.
     """
     data, logs = R.T @ R, objective.curvature(*objective.relative(x))
     held = objective.R.T @ objective.R - data
-    if bent is not None:
-        logs[constraints.bodies[:, :, None], constraints.bodies[:, None]] = bent
-        logs, held = tuning.PRIOR_COUNTED * logs, tuning.PRIOR_COUNTED * held
+    bodies = constraints.bodies
+    logs[bodies[:, :, None], bodies[:, None]] = curvature(constraints, x)
+    logs, held = tuning.PRIOR_COUNTED * logs, tuning.PRIOR_COUNTED * held
     prior = held + logs
     covariance = inverse(data + prior)
     after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(inverse(logs))

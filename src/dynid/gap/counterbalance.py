@@ -100,8 +100,8 @@ class Links:
 
     def objective(self, prior: PhysicalConstraints) -> float:
         """Return twice the objective of the best arm under a prior."""
-        fit = fit_physical(self.rows[:, :-1], self.rows[:, -1], prior)
-        return 2 * fit.objective + self.rest
+        least = fit_physical(self.rows[:, :-1], self.rows[:, -1], prior)[1]
+        return 2 * least + self.rest
 
     def freedom(self, without: Links) -> tuple[int, float]:
         """Return how many numbers these have more than others, and what they cost (BIC)."""
