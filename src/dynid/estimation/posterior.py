@@ -97,7 +97,7 @@ def physical_posterior(
         NotPhysical: the prior of the robot file is itself not physical.
     """
     base, has_rows = stack.base, stack.earlier is None
-    K, error, noise, worth = base.reduction.K, None, estimate.noise, estimate.inflation
+    K, error, worth = base.reduction.K, None, estimate.inflation
     A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
     arm = arm_of(base, np.column_stack([A, A @ estimate.theta]))
     alone = K @ arm.x
@@ -115,7 +115,7 @@ def physical_posterior(
         gain = with_it - without
         wanted = residual_model or gain >= tuning.RESIDUAL_EVIDENCE
         if released or wanted:
-            size, noise, worth = size if wanted else NONE, rows.noise, rows.inflation
+            size = size if wanted else NONE
             if rows.apart.any():
                 alone = K @ arm_of(base, rows.of_arm(NONE).rows, arm_of_all).x
             arm = arm_of(base, rows.of_arm(size).rows, arm_of_all)
@@ -124,7 +124,7 @@ def physical_posterior(
     changes, covariance = np.zeros((len(K), 0)), K @ arm.covariance @ K.T
     if has_rows and like is None:
         share = np.diagonal(covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
-        parts = Parts.of(stack, theta, error, noise, worth, estimate.robust)
+        parts = Parts.of(stack, estimate, theta, error)
         less = parts.disagreement(covariance, error, share < tuning.TOLD_SHARE)
         changes = parts.changes(base, theta)
         of_all = np.linalg.pinv(K) @ changes
@@ -220,38 +220,29 @@ class Parts:
     grams: Floats
 
     @classmethod
-    def of(
-        cls,
-        stack: Stack,
-        theta: Floats,
-        error: ModelError | None,
-        noise: Floats,
-        inflation: float,
-        robust: Floats | None,
-    ) -> Parts:
+    def of(cls, stack: Stack, estimate: Fit, theta: Floats, error: ModelError | None) -> Parts:
         """Return the quarters of each recording.
 
         Args:
             stack: the fitted rows.
-            theta: base parameters, (p,).
+            estimate: of the base parameters, which says how many rows are worth one independent row.
+            theta: possible base parameters, (p,).
             error: the residual model; None without.
-            noise: sigma of each joint, (n,) [N m or N].
-            inflation: how many rows are worth one independent row, as far as the covariance counts it.
-            robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
         """
         rows, each = stack.rows, tuning.PARTS_OF_LOG
         part = each * rows.log + np.floor(each * rows.progress).astype(int)
-        estimate, grams = np.tile(theta, (len(noise), 1)), []
+        noise, robust, grams = estimate.noise, estimate.robust, []
+        mean = np.tile(theta, (len(noise), 1))
         if error is not None:
-            estimate = np.hstack([error.mean[:, : error.k], estimate])
+            mean = np.hstack([error.mean[:, : error.k], mean])
         for number in np.unique(part):
             of_part = stack.take(part == number)
             if error is None:
                 F = of_part.factors
             else:
                 F = error.factors(of_part, noise, robust) * (error.apart == 0.0)[:, None, None]
-            F = F / (noise * np.sqrt(inflation))[:, None, None]
-            F[:, :, -1] -= np.einsum("jmk,jk->jm", F[:, :, :-1], estimate)
+            F = F / (noise * np.sqrt(estimate.inflation))[:, None, None]
+            F[:, :, -1] -= np.einsum("jmk,jk->jm", F[:, :, :-1], mean)
             grams.append(F.swapaxes(1, 2) @ F)
         return cls(np.unique(part) // each, np.array(grams))
 
