@@ -46,9 +46,8 @@ def shape_texts(joint: int, speed: float, sign: str, load: str) -> list[str]:
     return [*waves, *(f"{sign} * {each}" for each in rest)]
 
 
-def _sum(weights: Iterable[float], terms: Iterable[str]) -> str:
-    pairs = zip(weights, terms, strict=True)
-    return " + ".join(f"{number(weight)} * {term}" for weight, term in pairs if weight) or "0.0"
+def _sum(terms: Iterable[tuple[float, str]]) -> str:
+    return " + ".join(f"{number(weight)} * {term}" for weight, term in terms if weight) or "0.0"
 
 
 # ---------------------------------------------------------------- the function
@@ -64,34 +63,34 @@ def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneSt
     if model.added or robot.coupling is not None or len(robot.identified_links) < n:
         return None
     own, size = base.reduction.base, len(model.link_columns)
-    # Why values of each joint: the residual model is orthogonal to the parameters joint by joint.
-    values, loads = np.zeros((2, n, model.size))
-    values[:, own] = theta if error is None else theta + error.mean_by_rows[1]
-    loads[:, own] = 0.0 if error is None else error.reference
-    wanted = np.flatnonzero((values + abs(loads))[:, :size].any(axis=0))
-    program = model.rigid.restricted(model.link_columns[wanted])
+    program = model.rigid.restricted(model.link_columns[own[own < size]])
     variables, text = statements(program, robot)
     signs = [
         coulomb(robot, j, f"qd[{j}]") if "coulomb" in joint.friction else "0.0"
         for j, joint in enumerate(robot.joints)
     ]
     variables += [(f"sign{j}", sign) for j, sign in enumerate(signs)]
+    spelled = {"fv": "qd[{}]", "fc": "sign{}", "fo": "1.0"}
+    # Row, base column and text of each entry of the regressor.
+    entries = [
+        (row, k, text[slot])
+        for row, k, slot in zip(program.rows, program.cols, program.outputs, strict=True)
+    ]
+    for k in np.flatnonzero(own >= size):
+        rubs = model.parameters[own[k]]
+        entries.append((rubs.number - 1, k, spelled[rubs.kind].format(rubs.number - 1)))
 
-    def torque(values: Floats, j: int) -> str:
-        """Return the torque of a joint for values of its columns, (columns,)."""
-        mine = program.rows == j
-        rubs = [k for k, p in enumerate(model.friction) if p.number == j + 1]
-        spelled = {"fv": f"qd[{j}]", "fc": f"sign{j}", "fo": "1.0"}
-        columns = [*wanted[program.cols[mine]], *(size + k for k in rubs)]
-        terms = [text[slot] for slot in program.outputs[mine]]
-        terms += [spelled[model.friction[k].kind] for k in rubs]
-        return _sum(values[columns].tolist(), terms)
+    def torque(theta: Floats, j: int) -> str:
+        return _sum((theta[k], term) for row, k, term in entries if row == j)
 
-    torques = [torque(values[j], j) for j in range(n)]
+    torques = [torque(theta, j) for j in range(n)]
     if error is not None:
-        for j, weights in enumerate(error.mean_by_rows[0].tolist()):
-            shapes = shape_texts(j, error.speed[j], f"sign{j}", torque(loads[j], j))
-            torques[j] += f" + {_sum(weights, shapes)}"
+        # Why of each joint: the residual model is orthogonal to the parameters joint by joint.
+        for j, (by_column, by_parameter) in enumerate(zip(*error.mean_by_rows, strict=True)):
+            load = torque(error.reference, j)
+            shapes = shape_texts(j, error.speed[j], f"sign{j}", load)
+            left = _sum(zip(by_column, shapes, strict=True))
+            torques[j] = f"{torque(theta + by_parameter, j)} + {left}"
     lines = [f" {name} = {value}" for name, value in variables]
     lines = ["def torques(q, qd, qdd):", *lines, f" return [{', '.join(torques)}]"]
     space: dict[str, Any] = {name: getattr(math, name) for name in ("cos", "sin", "exp", "tanh")}
