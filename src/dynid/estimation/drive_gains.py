@@ -81,49 +81,41 @@ def find_gains(
     rows = replace(rows, W=np.pad(rows.W, ((0, 0), (0, 0), (0, others))))
     rows = rows if load is None else joined([rows, load])
     gain, variance, lost = _solved(rows, known, relative)
-    unknown = np.isnan(known)
     if lost.any() and not relative:
-        joints = ", ".join(np.array(stack.joints)[unknown][lost])
+        joints = ", ".join(np.array(stack.joints)[lost])
         raise RankDeficient(
             f"these logs do not determine the gain of {joints}",
             fix="move more joints at once and faster, or use a heavier load",
         )
-    error = np.zeros(len(known))
-    error[unknown] = gain[unknown] * np.sqrt(variance)
+    error = gain * np.sqrt(variance)
     if relative:
         size = float(np.exp(np.mean(np.log(gain))))
         gain, error = gain / size, error / size
-    if not unknown.all():
+    if not np.isnan(known).all():
         error = np.hypot(error, scale_error * gain)
     return Gains(gain, error, relative)
 
 
 def _solved(rows: Rows, known: Floats, relative: bool) -> tuple[Floats, Floats, Mask]:
-    """Return gains, (n,), the variance of the logarithm of each unknown one, and which of them are not determined.
+    """Return gains, the variance of the logarithm of each, and which of them are not determined, (n,) each.
 
-    Gauss-Newton in the factors of the columns but the last, a known torque, and the logarithms of the unknown h, with
-    weights from the residuals. Variances allow for coloured residuals.
+    Gauss-Newton in the factors of the columns but the last, a known torque, and the logarithms of h, of which those
+    that are known change nothing, with weights from the residuals. Variances allow for coloured residuals.
     """
-    unknown, q = np.flatnonzero(np.isnan(known)), rows.size - 1
+    free, q = np.isnan(known), rows.size - 1
     factors, counts = rows.factors(), np.maximum(rows.counts, 1)
-
-    def inverse(x: Floats) -> Floats:
-        h = 1.0 / known
-        h[unknown] = np.exp(x[q:])
-        return h
 
     def linear(A: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Return currents for columns (n, N, q + 1), (n, N), and their derivative by the unknowns."""
-        A = inverse(x)[:, None, None] * A
+        A = np.exp(x[q:])[:, None, None] * A
         current = A @ np.append(x[:q], 1.0)
-        own = current[:, :, None] * np.eye(len(known))[:, None, unknown]
+        own = current[:, :, None] * np.diag(free)[:, None]
         return current, np.concatenate([A[:, :, :-1], own], axis=2)
 
     size = np.maximum(np.linalg.norm(factors[:, :, -1], axis=1), 1e-30)
     # All joints begin with torques of one size: that of those whose gain is known.
-    torques = np.delete(size * known, unknown)
-    torque = float(np.median(torques)) if len(torques) else 1.0
-    x = np.append(np.zeros(q), np.log(size / torque)[unknown])
+    torque = 1.0 if free.all() else np.median((size * known)[~free])
+    x = np.append(np.zeros(q), np.log(np.where(free, size / torque, 1.0 / known)))
     for step in range(tuning.GAINS_ROUNDS):
         current, J = linear(factors[:, :, :-1], x)
         residual = factors[:, :, -1] - current
@@ -143,4 +135,4 @@ def _solved(rows: Rows, known: Floats, relative: bool) -> tuple[Floats, Floats, 
         covariance = centred @ covariance @ centred
     weak = solution.weak * np.linalg.norm(whitened[:, :, :-1], axis=(0, 1))[:, None]
     lost = np.abs(weak[q:]).max(axis=1, initial=0.0) > 1e-3
-    return 1.0 / inverse(x), np.maximum(np.diagonal(covariance), 0.0), lost
+    return np.where(free, np.exp(-x[q:]), known), np.maximum(np.diagonal(covariance), 0.0), lost
