@@ -52,9 +52,8 @@ def evidence_of(result: Identified) -> Evidence:
     """
     header, robot, knowledge = result.header, result.robot, result.knowledge
     codes = [finding.code for finding in result.findings if finding.level != "info"]
-    physical, factors, repeats = result.in_force == "physical", result.factors, None
-    if header.get("noise_floor_nm") is not None:
-        repeats = bool(header.get("noise_repeats_s", 0.0))
+    physical, factors = result.in_force == "physical", result.factors
+    unknown = header.get("noise_floor_nm") is None
     possible = result.relative_error_percent
     if not physical:
         possible = relative_error(factors, result.reduction.K @ result.physical.x)
@@ -63,7 +62,7 @@ def evidence_of(result: Identified) -> Evidence:
         result=str(result.path) if result.path.name else "",
         logs=tuple(found_path(result, name) for name in header.get("logs", [])),
         joints=_joints(result),
-        repeats=repeats,
+        repeats=None if unknown else bool(header.get("noise_repeats_s", 0.0)),
         fitted=result.relative_error_percent,
         unseen=_held_out(result),
         possible=possible,

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Floats, Mask
 from dynid.estimation import tuning
 from dynid.estimation.identified import ExpectedError, Identified
-from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root
+from dynid.estimation.least_squares import Fit, relative_error, symmetric_root
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
@@ -400,7 +400,7 @@ def information_of(result: Identified) -> tuple[Floats, Floats]:
     if result.in_force == "physical":
         worth, information = result.physical.inflation, inverse(result.covariance)
     else:
-        A = merge(result.factors, 1.0 / result.noise)[:-1, :-1]
+        A = result.fit.whitened[:-1, :-1]
         # Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens
         # to be too small its inverse would trust the log most.
         worth = max(float(np.sum((A @ result.covariance) * A)) / max(1, result.rank), 1e-300)

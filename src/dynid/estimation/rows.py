@@ -151,10 +151,9 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Rows:
         decimate(np.where(part.usable.T, 0.0, 1.0), together, chosen.second_step)[0]
         for _, part in pieces(log)
     ]
-    use = np.concatenate(lost, axis=1).T < 0.5
     return replace(
         Rows.of(regressor_of(log, observer), at_rows(log, lambda part: part.tau.T), t),
-        use=use,
+        use=np.concatenate(lost, axis=1).T < 0.5,
         begins=np.isin(np.arange(len(t)), np.cumsum([0, *counts])),
         cutoff=chosen.cutoff,
     )
@@ -224,8 +223,7 @@ def pieces(log: ConditionedLog) -> Iterator[tuple[slice, Segment]]:
 
 def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
     """Return signals under the filter of the torques, (C, N) -> (C, M)."""
-    kernel, step = chosen.second_kernel, chosen.second_step
-    return decimate(signals, kernel, step)[0]
+    return decimate(signals, chosen.second_kernel, chosen.second_step)[0]
 
 
 def _counts(log: ConditionedLog) -> list[int]:

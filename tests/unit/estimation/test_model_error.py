@@ -161,7 +161,7 @@ def asked(stack, fit, like):
     A = like.whitened[:-1, :-1]
     told = np.ones(len(fit.theta), dtype=bool)
     covariance = np.linalg.inv(A.T @ A) * like.inflation
-    parts = Parts.of(stack, fit.theta, None, like.noise, like.inflation, None)
+    parts = Parts.of(stack, like, fit.theta, None)
     return parts.disagreement(covariance, None, told)
 
 
