@@ -341,28 +341,23 @@ def expected_error(stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
         post: the parameters with their covariance, of which ``changes`` are no doubt about these recordings.
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
     """
-    factors, error, base = stack.factors, post.error, stack.base
-    W, count, root = (
-        factors[:, :, :-1],
-        np.maximum(stack.counts, 1),
-        symmetric_root(post.covariance),
-    )
-    doubt, larger, other = W @ root, 1.0, np.sum((W @ post.changes) ** 2, axis=(1, 2)) / count
+    error, base, count = post.error, stack.base, np.maximum(stack.counts, 1)
+    rows, larger, columns = stack.factors.swapaxes(0, 1), 1.0, None
+    W = rows[:, :, :-1]
     if error is not None:
         # Why: a fit takes from the residuals what it cannot take from those of another recording.
-        larger = tuning.UNSEEN_RESIDUAL
-        of_own = W @ error.root[:, error.k :]
-        doubt = np.concatenate([doubt + W @ error.slope[:, error.k :] @ root, of_own], axis=2)
-    spread = np.sum(doubt**2, axis=(1, 2)) / count
-    size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
+        larger, columns = tuning.UNSEEN_RESIDUAL, np.pad(W, ((0, 0), (0, 0), (error.k, 0)))
+    spread = np.sum(torque_variance(W, post.covariance, error, columns), axis=0) / count
+    other = np.sum((W @ post.changes) ** 2, axis=(0, 2)) / count
+    size = np.sum(rows[:, :, -1] ** 2, axis=0) / count
     noise = larger * np.sqrt(rms**2 + np.maximum(spread - other, 0.0))
     q, qd, qdd = exciting_states(base.robot)
     W = base.observer.dense(q, qd, qdd)
-    tau, shapes = W @ post.theta, None
+    tau = W @ post.theta
     if error is not None:
         shapes = error.shapes_at(q, qd, base.observer)
-        tau = tau + error.torque(W, shapes)
-    variance = torque_variance(W, post.covariance, error, shapes)
+        tau, columns = tau + error.torque(W, shapes), error.columns(W, shapes)
+    variance = torque_variance(W, post.covariance, error, columns)
     return ExpectedError(
         _percent(np.sum(noise**2 + spread), np.sum(size)),
         _percent(np.sum(np.mean(variance, axis=0) + noise**2), np.sum(np.mean(tau**2, axis=0))),

@@ -213,7 +213,7 @@ class ModelError(Columns):
 
 
 def torque_variance(
-    W: Floats, covariance: Floats, error: ModelError | None, shapes: Floats | None
+    W: Floats, covariance: Floats, error: ModelError | None, columns: Floats | None
 ) -> Floats:
     """Return the variance of predicted torques, noise not included, (M, n) [N^2 m^2 or N^2].
 
@@ -221,15 +221,14 @@ def torque_variance(
         W: base regressor, (M, n, p).
         covariance: of the parameters, (p, p).
         error: the model error; None without.
-        shapes: its columns there, (M, n, k).
+        columns: [Z W] there, (M, n, k + p).
     """
     root, variance = symmetric_root(covariance), np.empty(W.shape[:2])
-    ZW = None if error is None or shapes is None else error.columns(W, shapes)
     for j in range(W.shape[1]):
         doubt = W[:, j] @ root
-        if error is not None and ZW is not None:
-            arm = doubt + ZW[:, j] @ (error.slope[j] @ root)
-            doubt = np.hstack([arm, ZW[:, j] @ error.root[j]])
+        if error is not None and columns is not None:
+            arm = doubt + columns[:, j] @ (error.slope[j] @ root)
+            doubt = np.hstack([arm, columns[:, j] @ error.root[j]])
         variance[:, j] = np.sum(doubt**2, axis=1)
     return variance
 

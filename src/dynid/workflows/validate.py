@@ -256,7 +256,7 @@ def validate(
     rows = rows_of(replayed, observer)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, result.theta, error, observer)
-    shapes = None if error is None else shapes_in(replayed, observer, error.speed)
+    columns = error.columns(rows.W, shapes_in(replayed, observer, error.speed)) if error else None
     simpler, baseline = rows.torque(np.nan_to_num(result.prior)), "the prior of the robot file"
     if base.robot.prior is None:
         measured, baseline = motion.tau_measured, "a constant torque"
@@ -271,7 +271,7 @@ def validate(
         baseline=baseline,
         motion=motion,
         cutoff=replayed.filter.cutoff,
-        expected_percent=_expected(result, rows, error, shapes),
+        expected_percent=_expected(result, rows, error, columns),
         same_motion=any(same_motion(one, log_motion(replayed)) for one in result.motions),
         start_ns=int(log.extra.get("start_ns", 0)),
         of=fingerprint(result),
@@ -291,15 +291,15 @@ def _broken(joints: Sequence[JointCheck], total: float, options: ValidateOptions
 
 
 def _expected(
-    result: Identification, rows: Rows, error: ModelError | None, shapes: Floats | None
+    result: Identification, rows: Rows, error: ModelError | None, columns: Floats | None
 ) -> float | None:
     """Return the relative error that the posterior of a result expects on rows [%]; None without one."""
-    torque = float(np.sum(rows.tau[rows.use] ** 2))
+    torque = np.sum(rows.tau[rows.use] ** 2)
     if not np.isfinite(result.std_error).all() or not torque:
         return None
-    spread = torque_variance(rows.W, result.covariance, error, shapes)
-    variance = float(np.sum((spread + result.expected.noise**2)[rows.use]))
-    return float(100.0 * np.sqrt(variance / torque))
+    spread = torque_variance(rows.W, result.covariance, error, columns)
+    errors = (spread + result.expected.noise**2)[rows.use]
+    return float(100.0 * np.sqrt(errors.sum() / torque))
 
 
 def urdf_of(result: Identification) -> str:

@@ -80,9 +80,10 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
     assert error.mean[:, :k].ravel() == pytest.approx(x[: n * k], rel=1e-4, abs=1e-6)
     rng = np.random.default_rng(0)
     W, shapes = rng.normal(size=(5, n, p)), rng.normal(size=(5, n, k))
-    row, Z = np.zeros(len(x)), error.columns(W, shapes)[:, :, :k]
+    columns = error.columns(W, shapes)
+    row, Z = np.zeros(len(x)), columns[:, :, :k]
     row[k : 2 * k], row[n * k : -p], row[-p:] = Z[0, 1], W[0, 1] @ rows.spread, W[0, 1]
-    variance = torque_variance(W, covariance[-p:, -p:], error, shapes)
+    variance = torque_variance(W, covariance[-p:, -p:], error, columns)
     assert variance[0, 1] == pytest.approx(row @ covariance @ row, rel=1e-4)
 
 
