@@ -174,8 +174,8 @@ class Value:
             raise self.wrong(" must be true or false")
         return self.text().lower() in ("true", "yes", "on")
 
-    def number(self, factor: float = 1.0) -> float:
-        """Return a finite number, times a factor."""
+    def number(self) -> float:
+        """Return a finite number."""
         raw = self._raw()
         if self.node.tag == "tag:yaml.org,2002:str" or not _NUMBER.fullmatch(raw):
             # What is meant, in whatever notation.
@@ -183,7 +183,7 @@ class Value:
             advice = f"is not read as that number by YAML; write {meant!r}"
             advice = advice if math.isfinite(meant) else "is not a number"
             raise self.wrong(f" = '{raw}' {advice}", kind=NotANumber)
-        return self._checked(float(raw) * factor)
+        return self._checked(float(raw))
 
     def integer(self) -> int:
         """Return a whole number."""
@@ -203,7 +203,7 @@ class Value:
             number = raw.removesuffix(tag).strip()
             if raw.endswith(tag) and _NUMBER.fullmatch(number):
                 return self._checked(float(number) * factor)
-        return self.number(ANGLE[self.context.angle_unit])
+        return self._checked(self.number() * ANGLE[self.context.angle_unit])
 
     def _raw(self) -> str:
         if not isinstance(self.node, yaml.ScalarNode):

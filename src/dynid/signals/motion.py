@@ -39,7 +39,7 @@ def any_moves(log: Log, robot: Robot) -> Mask:
     return np.asarray(moving(log, robot).any(axis=1))
 
 
-def runs(flags: Mask, least: int = 1) -> list[slice]:
+def runs(flags: Mask, least: int) -> list[slice]:
     """Return where flags, (N,), are set for at least so many samples in a row.
 
     Why not scipy.ndimage: it takes as long, and importing it 0.06 s.
