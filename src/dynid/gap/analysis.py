@@ -152,9 +152,7 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
         after, failing = left_by(effects), []
         for one in effects:
             without = left_by([other for other in effects if other is not one])
-            fall = (power(without, one) - power(after, one)) / max(
-                power(without - after, one), SEEN
-            )
+            fall = (power(without) - power(after)) / max(power(without - after), SEEN)
             if why := refusal(search, one, changed, fall):
                 failing.append((one, why))
         if not failing:
