@@ -97,6 +97,8 @@ def _reversal(others: Floats, targets: Floats) -> Floats:
         others: other columns of the joint, (M, c), zero where rows do not count.
         targets: its torques and its signs with each of the pairs, (M, 1 + D K), zero there too.
     """
+    from scipy.interpolate import RectBivariateSpline
+
     length = np.linalg.norm(others, axis=0)
     A = others[:, length > 0.0] / length[length > 0.0]
     targets = targets - A @ np.linalg.lstsq(A, targets, rcond=tuning.RANK_TOLERANCE)[0]
@@ -104,14 +106,17 @@ def _reversal(others: Floats, targets: Floats) -> Floats:
     left = rest - S * (S.T @ rest[:, 0] / np.maximum(np.sum(S**2, axis=0), 1e-300))
     squares = np.maximum(np.sum(left**2, axis=0), 1e-300)
     rows = len(left) / autocorrelation_time([left[:, int(np.argmin(squares))]])
-    width, gain = np.log(WIDTHS), -0.5 * rows * np.log(squares).reshape(len(DISTANCES), -1)
+    log_evidence = -0.5 * rows * np.log(squares).reshape(len(DISTANCES), len(WIDTHS))
+    logs = np.log(WIDTHS)
+    width, even = np.linspace(logs[0], logs[-1], 400), np.linspace(0.0, EVEN[-1], 200)
+    gain = RectBivariateSpline(EVEN, logs, log_evidence)(even, width)
     gain -= 0.5 * (width / np.log(3.0)) ** 2
     share, distance = np.exp(gain - gain.max()), 0.0
     if share[0].max() < np.exp(-0.5 * 1.96**2):
-        distance = EVEN_FROM * np.expm1(share.sum(axis=1) @ EVEN / share.sum())
+        distance = EVEN_FROM * np.expm1(share.sum(axis=1) @ even / share.sum())
     else:
         share = share[:1]
     of_width = share.sum(axis=0) / share.sum()
-    low, high = np.interp([0.025, 0.975], np.cumsum(of_width) - 0.5 * of_width, width)
+    low, high = np.interp([0.025, 0.975], np.cumsum(of_width), width)
     mean = of_width @ width if distance or not low < 0.0 < high else 0.0
     return np.append(np.exp([low, mean, high]), distance)
