@@ -388,9 +388,7 @@ def _unseen(evidence: Evidence) -> Iterator[Fact]:
 def _knowledge(evidence: Evidence) -> Iterator[Fact]:
     """Little is no more than fair, because errors on other motions show the rest; hardly anything is bad."""
     if evidence.known is not None:
-        text = (
-            f"{100 * evidence.known:.0f} % of the parameters are determined well enough for the torques"
-        )
+        text = f"{100 * evidence.known:.0f} % of the parameters are determined well enough for the torques"
         yield grade(1.0 - evidence.known, tuning.OPEN_SHARE), text
 
 
