@@ -509,7 +509,24 @@ def best_size(rows: JointRows, arm: PhysicalParameters) -> Floats:
         minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds)
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
-    return np.exp(min(searches, key=lambda each: each.fun).x)
+    best = min(searches, key=lambda each: each.fun)
+    logs = best.x
+    for k in range(len(logs)):
+        without = np.where(np.arange(len(logs)) == k, low, logs)
+        logs = without if negative(without)[0] <= best.fun + UNTOLD else logs
+    inside = (logs > low) & (logs < high)
+
+    def slopes(part: Floats) -> Floats:
+        there = logs.copy()
+        there[inside] = part
+        return negative(there)[1][inside]
+
+    # The evidence is flat beyond its rounding; where its slopes vanish is the same on every machine.
+    if inside.any():
+        level = root(slopes, logs[inside], tol=SETTLED).x
+        if np.linalg.norm(slopes(level)) < np.linalg.norm(slopes(logs[inside])):
+            logs[inside] = level
+    return np.exp(logs)
 
 
 def joints_apart(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tuple[Floats, float]:
