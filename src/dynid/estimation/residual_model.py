@@ -428,8 +428,12 @@ def _projection(base: BaseModel, columns: Columns) -> Floats:
 
 
 # ---------------------------------------------------------------- an arm that rows ask for, and their evidence
+#: Relative change of the logarithms of the sizes at which their slopes count as none.
+SETTLED = 1e-12
 #: Sizes of the groups without any model error.
 NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
+#: Change of the log evidence that tells nothing: a size without which it falls by less is none.
+UNTOLD = 1e-4
 #: What is added to a matrix with a diagonal of ones before it is factored: a few times its rounding.
 SINGULAR = 1e-13
 
