@@ -500,7 +500,7 @@ def log_evidence(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tupl
 
 def best_size(rows: JointRows, arm: PhysicalParameters) -> Floats:
     """Return the sizes of the groups that make the data most likely, (groups,)."""
-    from scipy.optimize import minimize  # here: its import takes as long as the search
+    from scipy.optimize import minimize, root  # here: its import takes as long as the search
 
     low, high = np.log([NONE, tuning.RESIDUAL_LARGEST])
 
