@@ -258,7 +258,7 @@ def robot_file_fit(log: Log, robot: Robot, *, mapped: bool = True) -> RobotFileF
         return None
     t, q, tau = middle(log)
     usual = float(np.median(np.diff(t)))
-    period = 0.33 * signal_tuning.CUTOFF_OVER_MOTION / choose_cutoff([log], robot)
+    period = 1.65 / choose_cutoff([log], robot)
     width = max(3, round(min(tuning.SMOOTHING_S, period) / usual))
     if len(t) < 6 * width + 20:
         return None

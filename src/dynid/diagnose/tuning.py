@@ -66,8 +66,8 @@ MOST_TIED = 3
 
 #: Samples that robot files are fitted to. Evidence: none yet.
 SAMPLES = 250
-#: Longest time that positions are smoothed over before they are differentiated [s]; a third of the fastest period.
-#: Evidence: none yet.
+#: Longest time that positions are smoothed over before they are differentiated [s]; 1.65 periods of the
+#: cut-off that an estimation would choose. Evidence: none yet.
 SMOOTHING_S = 0.15
 #: Samples from the middle of a long log. Evidence: none yet.
 MIDDLE_SAMPLES = 60_000
