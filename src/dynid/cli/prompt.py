@@ -81,7 +81,7 @@ QUESTIONS: dict[str, Question] = {
 
 
 def obstacle(session: Session) -> str:
-    """Return why nobody can be asked; empty where a person sits at the terminal and wants to be."""
+    """Return why nobody can be asked; empty if a person is at the terminal."""
     if session.no_input:
         return "--no-input"
     return "" if is_terminal(sys.stdin) and is_terminal(sys.stderr) else "no terminal"

@@ -80,7 +80,7 @@ class Session(Options):
 
     @contextmanager
     def heard(self) -> Iterator[None]:
-        """Hear what the library tells in a ``with`` block; what ended it is the last line of the copy."""
+        """Show the progress of the library in a ``with`` block; an error that ends it goes to the log file."""
         self._copied("")  # what cannot be written is noticed before the work
         try:
             with heard_by(self.progress):

@@ -336,10 +336,10 @@ class JointRows:
         return np.sqrt(np.where(self.free > 0.0, self.free, size[GROUPS])) * self.noise[:, None]
 
     def parts(self, size: Floats, apart: Floats) -> list[tuple[Factor, Conditional]]:
-        """Return what each joint says of the parameters of the arm, and what it has beside them for these.
+        """Return the rows of each joint with its own unknowns integrated out, and these for given arm parameters.
 
-        That is the factors of its columns and, of a joint apart, its own parameters, each in what it is worth
-        beforehand: b in units of its deviation, and d ~ N(0, lambda C) in those of lambda^1/2 L.
+        Its own are the factors b of its columns, in units of their prior deviation; and where the joint is fitted
+        separately, how its parameters differ, d ~ N(0, lambda C), in units of lambda^1/2 L.
 
         Args:
             size: lambda of each group of columns.

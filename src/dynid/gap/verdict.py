@@ -135,7 +135,7 @@ def unrepeatable(search: EffectSearch) -> list[int]:
 
 
 def explained_share(search: EffectSearch, one: SelectedEffect) -> float | None:
-    """Return the share of its joint's gap that an effect explains where a rest is sure, too; None where none is."""
+    """Return the share of its joint's gap that an effect explains; None where it leaves no sure residual."""
     rms, odds = search.rest.rms[one.joint], search.rest.odds[one.joint]
     return one.visible / (one.visible + rms) if odds > tuning.REST_SURE else None
 

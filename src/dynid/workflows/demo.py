@@ -39,7 +39,7 @@ def hidden_effect(name: str, seed: int) -> Hidden:
         known = [case for case in cases.values() if case.size and case.name not in OUTSIDE]
         return known[int(np.random.default_rng(seed).integers(len(known)))]
     if name not in cases:
-        raise no_such("--effect: nothing can be hidden that is called", name, [*cases, "random"])
+        raise no_such("--effect: no effect to hide is called", name, [*cases, "random"])
     return cases[name]
 
 

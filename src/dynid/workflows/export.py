@@ -177,7 +177,7 @@ def export(
     *,
     formats: str | Sequence[str] = (),
     seed: int = 0,
-    write: Callable[[Path, str], object] = write_text,
+    write: Callable[[Path, str], object] | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> ExportedModel:
@@ -190,7 +190,7 @@ def export(
         options: which parameters are written, and into which URDF.
         formats: names of formats, written to the folder ``path`` under the name of the robot.
         seed: seed of the random states that torques are compared on.
-        write: writes a text to a file; by default over what is there.
+        write: writes a text to a file; None overwrites what is there.
         progress: reports what is compared.
         changes: single options by name, such as ``urdf="arm.urdf"``; see ``dynid.ExportOptions``.
 
@@ -228,7 +228,7 @@ def export(
     for form, text in texts:
         place = folder / f"{arm.file_stem}{form.suffix}" if chosen else path
         place = folder / EFFECTS_FILE if form is EFFECTS else place
-        write(place, text)
+        (write or write_text)(place, text)
         stage("compare", place.name)
         files.append(_proved(form, place, text, arm, seed))
         notice(files[-1].findings())

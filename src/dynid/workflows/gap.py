@@ -395,8 +395,9 @@ def find_gap(
         if word not in CATALOGUE:
             raise no_such("--effects: no effect", word, CATALOGUE)
     joints = joint_indices(result.robot.joint_names, options.joints, "--joints")
-    sure = 1.0 - options.false_alarm
-    wanted = SelectionOptions(options.effects, joints, sure, options.max_effects)
+    wanted = SelectionOptions(
+        options.effects, joints, 1.0 - options.false_alarm, options.max_effects
+    )
     given = as_logs(logs, result.robot, options)
     before = as_logs(earlier, result.robot, options, "earlier") if earlier else []
     search = _Search(result, wanted, options)

@@ -43,7 +43,7 @@ class Report(Answered):
         """Return what the JSON answer of ``dynid report`` says."""
         return {
             "robot": self.robot,
-            "verdict": [*self.judgement.sentences],
+            "verdict": self.judgement.sentences,
             "lights": {light.name: light.state for light in self.judgement.lights},
             "judgement": self.judgement.facts(),
         }
