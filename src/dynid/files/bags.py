@@ -23,7 +23,7 @@ import numpy as np
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import BagTruncated, DynidError, Finding, LogNotFound
 from dynid.files import tuning
-from dynid.files.messages import NANOSECONDS, Broken, Collector, Messages, Topic, taken
+from dynid.files.messages import NANOSECONDS, Broken, Collector, Messages, Topic, taken, whole
 from dynid.log import Log
 from dynid.npz import bounded
 from dynid.text import shell
@@ -194,9 +194,9 @@ def _records(path: Path) -> Iterator[tuple[bytes, Fields, bytes]]:
                 fix=f"see what it is: {shell('file', path)}",
             )
         while head := stream.read(4):
-            fields = _fields(stream.read(int.from_bytes(head, "little")))
-            op, size = fields[b"op"], int.from_bytes(stream.read(4), "little")
-            index = index or int.from_bytes(fields[b"index_pos"][:8], "little")
+            fields = _fields(stream.read(whole(head)))
+            op, size = fields[b"op"], whole(stream.read(4))
+            index = index or whole(fields[b"index_pos"][:8])
             # Why the rest: a chunk is given its size when it is closed; an open one reaches to the end of the file.
             data = stream.read(size or -1 if op == _CHUNK else size)
             yield op, fields, data
@@ -240,7 +240,7 @@ def _fields(header: bytes) -> Fields:
     """Split a header into its fields: length, name=value."""
     fields, stream = Fields(bytes), io.BytesIO(header)
     while head := stream.read(4):
-        size = int.from_bytes(head, "little")
+        size = whole(head)
         content = stream.read(size)
         name, equals, value = content.partition(b"=")
         if len(content) != size or not equals:
@@ -261,7 +261,7 @@ def _unpacked(fields: Fields, data: bytes, path: Path) -> bytes:
     """Return the records in a chunk, of one that is cut those before the cut; ``Broken`` where it is damaged."""
     if fields[b"compression"] == b"none":
         return data
-    size = int.from_bytes(fields[b"size"], "little")
+    size = whole(fields[b"size"])
     bounded(len(data), size, path)
     machine = bz2.BZ2Decompressor()
     if fields[b"compression"] == b"lz4":

@@ -15,6 +15,8 @@ _TIME_UNIT = re.compile(
     r"(?:^|[_\s\[(./]+)(s|secs?|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$"
 )
 
+#: Keys of patterns in robot files.
+PATTERNS = ("time", "name", "position", "velocity", "effort", "reference")
 #: Words of column names and what they stand for; the first kind that has one of its words is taken.
 _WORDS = {
     "acceleration": "acc acceleration qdd ddq",
@@ -43,7 +45,10 @@ _UNITS = {unit.lower(): unit for units in FACTORS.values() for unit in units} | 
     "°": "deg",
     "°/s": "deg/s",
     "n m": "Nm",
+    "n·m": "Nm",
 }
+#: A unit in brackets at the end of the name of a column: q_1 [deg], tau_1(Nm).
+_BRACKET = re.compile(r"\s*[\[(]([^\[\]()]+)[\])]\s*$")
 
 
 def is_time(name: str) -> bool:
@@ -61,24 +66,40 @@ def time_unit(name: str) -> tuple[str, str]:
     return name[: match.start()].strip(" _[("), unit
 
 
-def unit_of(name: str, word: str = "") -> str:
-    """Return the unit in brackets behind the name of a column, else the word of a line of units; "" for none."""
-    bracket = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", name)
-    words = (bracket[1] if bracket else "", word.strip("[]() "))
-    return next((_UNITS[text.lower()] for text in words if text.lower() in _UNITS), "")
+def unit_of(name: str) -> str:
+    """Return the unit in brackets behind the name of a column, "" for none."""
+    bracket = _BRACKET.search(name)
+    return _UNITS.get(bracket[1].lower(), "") if bracket else ""
+
+
+def without_unit(name: str) -> str:
+    """Return the name of a column without a unit in brackets behind it."""
+    return _BRACKET.sub("", name) if unit_of(name) else name
+
+
+def with_unit(name: str, word: str) -> str:
+    """Return the name of a column with a word of the line below in brackets, where that is its unit."""
+    named = f"{name} [{word.strip('[]() ')}]"
+    return named if unit_of(named) and not unit_of(name) else name
 
 
 # ---------------------------------------------------------------- patterns
+def by_name(names: Sequence[str]) -> dict[str, str]:
+    """Return columns by their names, and by these without a unit."""
+    return {without_unit(name): name for name in names} | {name: name for name in names}
+
+
 def matched(pattern: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Return the columns of a pattern in chain order, [] where one is missing; numbers count from 0 or 1."""
+    have = by_name(names)
     # Why from 0 first: of an arm with six joints and columns 0 to 6, 0 to 5 are the arm and 6 is its gripper.
     for first in (0, 1):
         columns = [
             pattern.replace("{i}", str(k)).replace("{name}", joint)
             for k, joint in enumerate(joints, first)
         ]
-        if set(columns) <= set(names):
-            return columns
+        if have.keys() >= set(columns):
+            return [have[column] for column in columns]
     return []
 
 
@@ -91,14 +112,16 @@ def joints_of(pattern: str, names: Sequence[str]) -> list[str]:
     """Return what stands in place of ``{name}`` in the columns of a pattern, or a name for each of its numbers."""
     if "{name}" not in pattern:
         return [f"joint_{k}" for k, _ in enumerate(numbered(pattern, names), 1)]
-    form = re.escape(pattern).replace(re.escape("{name}"), "(.+)")
-    return [match[1] for name in names if (match := re.fullmatch(form, name))]
+    form = re.escape(without_unit(pattern)).replace(re.escape("{name}"), "(.+)")
+    bare = map(without_unit, names)
+    return [match[1] for name in bare if (match := re.fullmatch(form, name))]
 
 
 def usual_joints(names: Sequence[str]) -> list[str]:
     """Return the joints of columns with the usual names; [] where no position has a torque or a current."""
-    own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
-    return own if {f"{kind}_{joint}" for kind in ("tau", "i") for joint in own} & {*names} else []
+    own = [each for each in joints_of("q_{name}", names) if not each.startswith("ref_")]
+    efforts = (matched(form, names, [each]) for form in ("tau_{name}", "i_{name}") for each in own)
+    return own if any(efforts) else []
 
 
 def template(names: Sequence[str]) -> dict[str, str]:
@@ -111,7 +134,7 @@ def snippet(patterns: Mapping[str, str]) -> str:
     """Return patterns as they stand in a robot file."""
     inside = ", ".join(
         f"{key}: {json.dumps(patterns[key], ensure_ascii=not patterns[key].isprintable())}"
-        for key in ("time", "name", "position", "velocity", "effort", "reference")
+        for key in PATTERNS
         if key in patterns
     )
     return f"columns: {{{inside}}}"
@@ -119,6 +142,9 @@ def snippet(patterns: Mapping[str, str]) -> str:
 
 def suggested(names: Sequence[str]) -> dict[str, str]:
     """Return patterns for ``driver: columns:`` that would find columns of these names; {} if none is recognised."""
+    bare = dict.fromkeys(map(without_unit, names))
+    # Why: another log of the arm may have no units in its header, or others.
+    names = [*bare] if len(bare) == len(names) else names
     patterns = _of_same_joints(_numbers(names)) or _of_same_joints(_named(names))
     like = (name for name in names if re.search(r"time|stamp", name.lower()))
     time = next(filter(is_time, names), next(like, None))
@@ -167,7 +193,7 @@ def in_amperes(pattern: str) -> bool:
 
 def _words(pattern: str) -> set[str]:
     """Return the words of a name without its unit: letters between other signs, parts that begin with a capital."""
-    bare = re.sub(r"\{(i|name)\}|[\[(][^\[\]()]*[\])]\s*$", " ", pattern)
+    bare = re.sub(r"\{(i|name)\}", " ", _BRACKET.sub("", pattern))
     bare = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", bare)
     return {part.lower() for part in re.findall(r"[A-Za-z]+", bare)}
 

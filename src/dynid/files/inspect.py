@@ -108,7 +108,7 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
 
 
 def _table(path: Path, rate: float | None) -> Inspected:
-    columns = text_table(path).names
+    columns = tuple(text_table(path).names)
     usual = usual_joints(columns)
     patterns = {} if usual else suggested(columns)
     joints = joints_of(patterns["position"], columns) if patterns else ()
@@ -122,7 +122,5 @@ def _table(path: Path, rate: float | None) -> Inspected:
             f"follow from their names"
         )
         unknown = Finding("W330", "warning", text, {"columns": columns})
-        return Inspected(
-            logs=(), findings=(unknown,), columns=tuple(columns), patterns=template(columns)
-        )
-    return Inspected(logs=(log,), findings=log.findings, columns=tuple(columns), patterns=patterns)
+        return Inspected((), (unknown,), columns=columns, patterns=template(columns))
+    return Inspected((log,), log.findings, columns=columns, patterns=patterns)

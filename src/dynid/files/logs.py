@@ -25,8 +25,8 @@ from dynid.errors import (
 )
 from dynid.files import tables, tuning
 from dynid.files.artifact import require_schema
-from dynid.files.bags import read_bag
-from dynid.log import COLUMNS, SCHEMA, Log
+from dynid.files.bags import ROS2, read_bag
+from dynid.log import SCHEMA, Log
 from dynid.npz import HEADER, read_npz
 from dynid.robot import Robot
 
@@ -49,7 +49,7 @@ def format_of(path: Path) -> str:
         LogNotFound: no such file, or not a log.
     """
     if path.is_dir():
-        inside = any(part.suffix in (".db3", ".mcap") for part in path.iterdir())
+        inside = any(part.suffix in ROS2 for part in path.iterdir())
         return "bag" if inside or (path / "metadata.yaml").is_file() else "folder"
     if not path.is_file():
         logs = [each.name for each in path.parent.glob("*") if each.suffix in FORMATS]
@@ -79,7 +79,6 @@ def read_log(
         BagTruncated: a damaged bag in which nothing is readable.
         LogLayout: columns are missing.
     """
-    path = Path(path)
     kind = format_of(path)
     if kind == "npz":
         log = read_npz_log(path)
@@ -126,15 +125,14 @@ def read_npz_log(path: Path) -> Log:
     except NotAnArtifact as error:
         raise LogNotFound(f"{path.name} holds {header['schema']}, not a log", where=path) from error
     motor = "q_motor" in arrays
-    t, q, tau = ("t", "q_motor", "tau_motor") if motor else ("t", "q", "tau")
-    for key in (t, q, tau):
+    q, tau = ("q_motor", "tau_motor") if motor else ("q", "tau")
+    for key in ("t", q, tau):
         if key not in arrays:
             have = ", ".join(sorted(arrays)) or "no arrays"
             raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=path)
-    more = [key for key in COLUMNS if COLUMNS[key] and key not in ("q", "qd", "tau")]
     effort = units.get("effort")
     log = Log(
-        t=arrays[t],
+        t=arrays["t"],
         # Why: what is done with a log, joint by joint, takes half the time where the samples of each stand together.
         q=np.asfortranarray(arrays[q]),
         tau=np.asfortranarray(arrays[tau]),
@@ -146,7 +144,7 @@ def read_npz_log(path: Path) -> Log:
         units=units,
         motor_side=motor or bool(header.get("motor_side")),
         dh=bool(header.get("dh")),
-        extra={key: arrays[key] for key in more if key in arrays},
+        extra={key: arrays[key] for key in ("q_ref", "qd_reported") if key in arrays},
     )
     if not log.q.size:
         raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=path)

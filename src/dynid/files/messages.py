@@ -78,6 +78,11 @@ def taken(content: Bytes, starts: Times, count: int, kind: str = "u1") -> NDArra
     return sliding_window_view(content, count * np.dtype(kind).itemsize)[starts].view(kind)
 
 
+def whole(raw: bytes) -> int:
+    """Return the whole number that bytes are."""
+    return int.from_bytes(raw, "little")
+
+
 # ---------------------------------------------------------------- messages to columns
 class Collector:
     """Takes the messages of one topic, keeps their numbers.
@@ -171,7 +176,7 @@ class _Layout:
 
     def _word(self) -> int:
         start = self._take(4, 4, equal=True)
-        return int.from_bytes(self._raw[start : self._at], "little")
+        return whole(self._raw[start : self._at])
 
     def _text(self) -> str:
         start = self._take(self._word(), equal=True)

@@ -116,21 +116,6 @@ def _check_gravity(value: Value, robot: Robot, mount: str) -> None:
 
 
 # ---------------------------------------------------------------- writing
-#: Keys that are left out where they say nothing, in the order of the file.
-OPTIONAL = [
-    "links",
-    "torque",
-    "driver",
-    "known",
-    "prior",
-    "tool",
-    "simulator",
-    "coupling",
-    "coulomb",
-    "effects",
-]
-
-
 def text_of(robot: Robot, *, with_prior: bool = True) -> str:
     """Return the robot's file, as its user wrote it where it was read from one and has not been changed since.
 
@@ -164,9 +149,9 @@ def robot_text(robot: Robot, head: str = "") -> str:
         "base": {"xyz": list(robot.base_xyz), "rpy": [_angle(angle) for angle in robot.base_rpy]},
         "joints": [_joint_row(joint) for joint in robot.joints],
     }
-    for key in OPTIONAL:
-        value = getattr(robot, key)
-        if value and value not in (TorqueSource(), Known()):
+    for key in ROBOT:
+        value = getattr(robot, key, None)
+        if key not in document and value and value not in (TorqueSource(), Known()):
             document[key] = _given(value)
     if robot.driver is not None:
         document["driver"] |= document["driver"].pop("map")

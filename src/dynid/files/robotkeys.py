@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from dynid.drivers.interface import DRIVERS
-from dynid.errors import AngleTooLarge, WrongRobotFile
+from dynid.errors import AngleTooLarge
 from dynid.files import tuning
+from dynid.files.columnwords import PATTERNS
 from dynid.files.yamlfile import Reader, Value
 from dynid.options import number_or_nan
 from dynid.robot import (
@@ -215,10 +216,7 @@ def _driver(value: Value) -> DriverSpec:
     for key, pattern in given.get("columns", {}).items():
         one = "{name}" in pattern or "{i}" in pattern or len(value.context.joints) == 1
         if key != "time" and not one:
-            raise WrongRobotFile(
-                f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}",
-                where=value.where,
-            )
+            raise value.wrong(f".columns.{key} = '{pattern}' needs {{i}} or {{name}}")
     joint_map = _joint_map(value, given)
     return DriverSpec(map=joint_map, **given)
 
@@ -231,9 +229,7 @@ def _coupling(value: Value) -> Coupling:
     if not np.allclose(np.diag(matrix), reduction):
         matrix = reduction[:, None] * matrix
     if abs(np.linalg.det(matrix / np.abs(matrix).max())) < 1e-12:
-        raise WrongRobotFile(
-            f"{value.where}: the coupling matrix cannot be inverted", where=value.where
-        )
+        raise value.wrong(": the matrix cannot be inverted")
     return Coupling(tuple(map(tuple, matrix.tolist())))
 
 
@@ -312,7 +308,7 @@ TORQUE: Keys = {
 }
 UNITS: Keys = {quantity: choice(*units) for quantity, units in FACTORS.items()}
 SIMULATOR: Keys = {"sign": SIGNS, "offset": per_joint(coordinate)}
-COLUMNS: Keys = dict.fromkeys(("time", "name", "position", "velocity", "effort", "reference"), TEXT)
+COLUMNS: Keys = dict.fromkeys(PATTERNS, TEXT)
 DRIVER: Keys = {
     "kind": choice(*DRIVERS),
     "topic": or_null(TEXT),

@@ -14,6 +14,7 @@ from dynid.arrays import Floats
 from dynid.errors import Finding, LogLayout, LogNotFound, WrongUsage
 from dynid.files import tuning
 from dynid.files.columnwords import (
+    by_name,
     is_time,
     matched,
     numbered,
@@ -103,7 +104,7 @@ def read_table(
         arrays.pop("velocity", None),
         source=path,
         tau_unit="A" if columns["effort"] == currents else "",
-        units=_declared(columns, table),
+        units=_declared(columns),
         findings=findings,
         extra={"q_ref" if key == "reference" else key: x for key, x in arrays.items()},
     )
@@ -152,18 +153,19 @@ def _columns(
         LogLayout: positions, torques or what the robot file names are not there.
     """
     columns: dict[str, Sequence[str]] = {}
+    have = by_name(table.names)
     for quantity, usual in USUAL.items():
         pattern = patterns.get(quantity, usual)
         named = [pattern.replace("{name}", joint) for joint in joints or ["<joint>"]]
         found: Sequence[str] = matched(pattern, table.names, joints)
         if quantity == "effort" and not found:
-            some = [name if name in table.names else "" for name in named]
+            some = [have.get(name, "") for name in named]
             usable = () if "effort" in patterns else currents
             found = some if any(some) and (sensors or not usable) else usable
         if found:
             columns[quantity] = found
         elif quantity in patterns or quantity in ("position", "effort"):
-            lost = next((name for name in named if name not in table.names), pattern)
+            lost = next((name for name in named if name not in have), pattern)
             paste = snippet(suggested(table.names) or template(table.names))
             raise _absent(table, lost, f"under `driver:` in the robot file: {paste}")
     return columns
@@ -189,12 +191,11 @@ def _absent(table: TextTable, name: str, fix: str = "") -> LogLayout:
     return table.wrong(f"no column {name}; it has {have}", fix)
 
 
-def _declared(columns: Mapping[str, Sequence[str]], table: TextTable) -> dict[str, str]:
+def _declared(columns: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Return the units that the header gives for all columns of a quantity."""
-    below = dict(zip(table.names, table.units, strict=False))
     declared = {}
     for quantity in FACTORS.keys() & columns.keys():
-        units = {unit_of(name, below.get(name, "")) for name in columns[quantity]}
+        units = {unit_of(name) for name in columns[quantity] if name}
         if len(units) == 1 and (unit := units.pop()) in FACTORS[quantity]:
             declared[quantity] = unit
     return declared

@@ -7,7 +7,7 @@ import re
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import LogLayout, LogNotFound
 from dynid.files import tuning
+from dynid.files.columnwords import with_unit
 
 DELIMITERS = (";", "\t", ",")
 #: What lines that hold no numbers begin with, of which the last may be the header.
@@ -24,7 +25,7 @@ _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _NUMBER = re.compile(r"[+-]?\.?\d|nan\b", re.IGNORECASE | re.ASCII)
 
 
-@dataclass(frozen=True)
+@dataclass
 class TextTable:
     """A text table, and how it is written.
 
@@ -34,8 +35,7 @@ class TextTable:
         comma: whether numbers have decimal commas.
         start: number of the first line of numbers.
         first: cells of the first row.
-        names: words of the header, [] where there is none.
-        units: words of a line of units below the header, [] where there is none.
+        names: words of the header, each with its unit of a line below it in brackets; [] where there is none.
     """
 
     path: Path
@@ -44,7 +44,6 @@ class TextTable:
     start: int
     first: list[str]
     names: list[str] = field(default_factory=list)
-    units: list[str] = field(default_factory=list)
 
     def wrong(self, text: str, fix: str = "", line: int = 1) -> LogLayout:
         """Return a mistake in a line of the table."""
@@ -57,7 +56,7 @@ class TextTable:
             LogNotFound: it is no text.
             LogLayout: a cell is not a number, or a row has another number of cells.
         """
-        width = len(self.names) or len(self.first)
+        width = len(self.first)
         places = [self.names.index(name) for name in names] or range(width)
         values = array("d")
         for number, line in _lines(self.path):
@@ -100,12 +99,12 @@ def text_table(path: Path) -> TextTable:
     commas = sum(bool(_WITH_COMMA.fullmatch(cell)) for cell in cells)
     comma = delimiter != "," and commas > sum("." in cell for cell in cells)
     table = TextTable(path, delimiter, comma, start, first)
-    names, units = _header(table, lines[:begin])
-    return replace(table, names=names, units=units)
+    table.names = _header(table, lines[:begin])
+    return table
 
 
-def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[list[str], list[str]]:
-    """Return the names of the columns, and the words of a line of units below them, from the lines before the rows.
+def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> list[str]:
+    """Return the names of the columns, with the units of a line below them, from the lines before the rows.
 
     Raises:
         LogLayout: there are names, but not as many as cells.
@@ -125,10 +124,10 @@ def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[list[str
     if not texts and wrong:
         raise wrong
     if not texts:
-        return comment, []
+        return comment
     # Why the most words: a spreadsheet fills a title with empty cells.
     at = max(range(len(texts)), key=lambda k: len(set(texts[k]) - {""}))
-    return texts[at], [*texts, []][at + 1]
+    return [*map(with_unit, texts[at], [*texts, [""] * n][at + 1])]
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:

@@ -220,11 +220,11 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
     axis = _numbers(joint.find("axis"), "xyz", "1 0 0", needed=True)
     if kind in MOVING and not axis.any():
         raise ValueError(f"the axis of joint {name} is zero")
-    axis = axis / (np.linalg.norm(axis) or 1.0)
     if not exact:
         # Why: an axis such as (0, 1, 2e-5) would give common normals kilometres away.
-        axis = np.where(np.abs(axis) < tuning.SNAP_RAD, 0.0, axis)
-        axis = axis / (np.linalg.norm(axis) or 1.0)
+        small = tuning.SNAP_RAD * np.linalg.norm(axis)
+        axis = np.where(np.abs(axis) < small, 0.0, axis)
+    axis = axis / (np.linalg.norm(axis) or 1.0)
     ends = map(joint.find, ("parent", "child"))
     parent, child = ("" if end is None else end.attrib["link"] for end in ends)
     limit = joint.find("limit")
@@ -239,12 +239,5 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         velocity=velocity if 0 < velocity < LARGEST else None,
         torque=effort if 0 < effort < LARGEST else None,
     )
-    return UrdfJoint(
-        name=name,
-        type=kind,
-        parent=parent,
-        child=child,
-        origin=_pose(joint.find("origin"), exact),
-        axis=axis,
-        limits=limits,
-    )
+    origin = _pose(joint.find("origin"), exact)
+    return UrdfJoint(name, kind, parent, child, origin, axis, limits)

@@ -105,9 +105,7 @@ class Value:
             required: those that it must have.
         """
         if not self.is_mapping:
-            raise WrongRobotFile(
-                f"{self.path or 'the file'} must have keys ({', '.join(known)})", where=self.where
-            )
+            raise self.wrong(f" must have keys ({', '.join(known)})")
         values = {}
         for key_node, node in self.node.value:
             key, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"

@@ -80,8 +80,10 @@ def test_a_joint_without_torque_has_none_and_sensors_come_before_currents(tmp_pa
     assert_array_equal(log.tau, [[4, 5]])
     assert (log.tau_unit, log.qd) == ("A", None)
     assert_array_equal(read_table(path, (), sensors=True).tau, [[3, np.nan]])
-    path = written(tmp_path, "t,q_a,q_b,tau_a\n0,1,2,3\n")
-    assert_array_equal(read_table(path, ()).tau, [[3, np.nan]])
+    path = written(tmp_path, "t [s],q_a [deg],q_b(deg),tau_a [mNm]\n0,1,2,3\n")
+    log = read_table(path, ("a", "b"))
+    assert_array_equal(log.tau, [[3, np.nan]])
+    assert log.units == {"position": "deg", "effort": "mNm"}
 
 
 @pytest.mark.parametrize("first", [0, 1])
