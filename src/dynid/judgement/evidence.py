@@ -307,8 +307,8 @@ def joint_state(joint: JointEvidence) -> str:
 
     A joint that carries little has a large share missing by an error that its drive does not notice.
     """
-    error, percent = joint.fitted, joint.percent
-    if error is None or percent is None:
+    error, percent = joint.fitted or 0.0, joint.percent
+    if percent is None:
         return "good"
     times = joint.times(error)
     if times is not None and times <= tuning.AT_NOISE:
@@ -319,9 +319,7 @@ def joint_state(joint: JointEvidence) -> str:
 
 def farthest(unseen: Unseen, evidence: Evidence) -> tuple[JointEvidence, float, float] | None:
     """Return the joint that is furthest above its noise on unseen rows, its error [unit] and that over its noise."""
-    if len(unseen.rms) != len(evidence.joints):
-        return None
-    pairs = zip(evidence.joints, unseen.rms, strict=True)
+    pairs = zip(evidence.joints, unseen.rms, strict=False)
     errors = (
         (joint, error, times) for joint, error in pairs if (times := joint.times(error)) is not None
     )
@@ -329,8 +327,9 @@ def farthest(unseen: Unseen, evidence: Evidence) -> tuple[JointEvidence, float, 
 
 
 def at_noise(unseen: Unseen, evidence: Evidence) -> bool:
-    """Return whether every joint is known to be at its noise on unseen rows."""
-    far, known = farthest(unseen, evidence), all(joint.floor for joint in evidence.joints)
+    """Return whether every joint with torque is known to be at its noise on unseen rows."""
+    far = farthest(unseen, evidence)
+    known = all(joint.floor for joint in evidence.joints if joint.torque != 0.0)
     return far is not None and known and far[2] <= tuning.AT_NOISE
 
 
@@ -347,11 +346,15 @@ def unseen_state(unseen: Unseen, evidence: Evidence) -> str:
 
 def worst_of(rows: Iterable[Unseen], evidence: Evidence) -> Unseen | None:
     """Return the unseen rows that speak most against a model; of two states alike those of another motion."""
-
-    def weight(row: Unseen) -> tuple[int, bool, float]:
-        return STATES.index(unseen_state(row, evidence)), not row.same_motion, row.percent
-
-    return max(rows, key=weight, default=None)
+    return max(
+        rows,
+        key=lambda row: (
+            STATES.index(unseen_state(row, evidence)),
+            not row.same_motion,
+            row.percent,
+        ),
+        default=None,
+    )
 
 
 # ---------------------------------------------------------------- the facts of each light
@@ -418,22 +421,24 @@ def _complete(evidence: Evidence) -> Iterator[Fact]:
             yield "fair", f"{each.name} was not searched"
 
 
+def above_noise(gap: GapRecord) -> list[tuple[str, float, float]]:
+    """Return the joints that are not at their noise on rows that were not fitted, with error and noise [N m or N]."""
+    rows = zip(gap.joint_names, gap.errors, gap.improvement.allowed, strict=True)
+    return [row for row in rows if not row[2] or row[1] > tuning.MISSING[not gap.repeats] * row[2]]
+
+
 def of_search(gap: GapRecord) -> list[Fact]:
     """Return what a search says of the logs that it has seen."""
-    facts = []
-    rows = zip(gap.joint_names, gap.errors, gap.improvement.allowed, strict=True)
-    for name, error, noise in rows:
-        good = noise and error <= tuning.MISSING[not gap.repeats] * noise
-        facts.append(("good", "") if good else ("fair", f"{name} {error:.2g}, noise {noise:.2g}"))
+    texts = (f"{name} {error:.2g}, noise {noise:.2g}" for name, error, noise in above_noise(gap))
+    facts = [("fair", text) for text in texts] or [("good", "")] * len(gap.joint_names)
     if gap.surprise is not None:
         text = (
             f"relative torque error {gap.kept:.2g} % on the new logs, expected {gap.expected:.2g} %"
         )
         facts.append(unless_good(grade(gap.surprise, tuning.EXPECTED), text))
-    if gap.missing or gap.likely:
-        named = [f"{one.title} on {one.where}" for one in gap.missing]
-        likely = [f"perhaps {one.title} on {one.where}" for one in gap.likely]
-        facts.append(("fair", ", ".join(named or likely)))
+    named = [f"{one.title} on {one.where}" for one in gap.missing]
+    if names := named or [f"perhaps {one.title} on {one.where}" for one in gap.likely]:
+        facts.append(("fair", ", ".join(names)))
     if gap.more:
         facts.append(("fair", f"residual above the noise on {', '.join(gap.more)}"))
     if joints := dict.fromkeys((*gap.not_repeatable, *(each.joint for each in gap.events))):

@@ -17,6 +17,7 @@ from dynid.judgement.evidence import (
     Evidence,
     Light,
     Unseen,
+    above_noise,
     at_noise,
     farthest,
     folder_of,
@@ -70,7 +71,9 @@ def of_result(e: Evidence) -> str:
         weak = [text for name, text in FAIR.items() if states[name] == "fair"]
         but = ", but " * bool(weak) + " and ".join(weak)
         return f"The model predicts held-out motions to within their noise{but}."
-    error = f"Relative torque error {shown(worst.percent)} % on {worst.name}, more than noise."
+    far = farthest(worst, e)
+    more = ", more than noise" if far and far[2] > tuning.AT_NOISE else ""
+    error = f"Relative torque error {shown(worst.percent)} % on {worst.name}{more}."
     if e.worst_elsewhere:
         return f"The model is usable. {error}"
     why = f": {FAIR['knowledge']}" if states["knowledge"] == "fair" else ""
@@ -135,13 +138,13 @@ def of_gap(e: Evidence) -> str:
     if gap.named:
         named = [named_effect(one, changed=changed) for one in gap.named]
         return " ".join([*named, *["No other effect is missing."] * nothing])
-    if nothing and changed:
+    if not nothing:
+        return unexplained(e)
+    if changed:
         return "No change since the model was identified: the error of every joint is as expected."
-    if nothing and gap.repeats:
+    if gap.repeats:
         return "No missing effect found: on held-out data the residual of every joint is at its noise level."
-    if nothing:
-        return "No missing effect found: on held-out data no residual is above the lower bound of its noise level."
-    return unexplained(e)
+    return "No missing effect found: on held-out data no residual is above the lower bound of its noise level."
 
 
 def unexplained(e: Evidence) -> str:
@@ -161,10 +164,7 @@ def unexplained(e: Evidence) -> str:
             f"Relative torque error {gap.kept:.3g} % on these logs (expected {gap.expected:.2g} %), "
             "and no known effect explains it."
         )
-    errors = gap.improvement
-    rows = zip(gap.joint_names, errors.before, errors.allowed, strict=True)
-    most = tuning.MISSING[not gap.repeats]
-    names = ", ".join(gap.more or (name for name, error, noise in rows if error > most * noise))
+    names = ", ".join(gap.more or (name for name, _, _ in above_noise(gap)))
     if gap.likely and not names:
         return likely_effect(gap.likely[0])
     return f"The residual{' of ' * bool(names)}{names} is above the noise, and no known effect explains it."
@@ -209,9 +209,9 @@ def reasons(e: Evidence, sentence: str) -> Iterator[str]:
     """Yield why, in numbers beside what they are compared with; what the answer says is not said again."""
     if e.asked == "gap" and e.gap is not None:
         yield from _gap_reasons(e)
-    elif e.asked == "replay" and e.unseen:
-        yield from _replay_reasons(e.unseen[-1], e, sentence)
-    elif e.asked != "change" and (tested := e.worst_elsewhere):
+        return
+    tested = e.unseen[-1] if e.asked == "replay" and e.unseen else e.worst_elsewhere
+    if tested and e.asked != "change":
         yield from _replay_reasons(tested, e, sentence)
 
 
@@ -223,23 +223,26 @@ def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]
     if far := farthest(unseen, e):
         joint, error, times = far
         so_many = "" if times <= tuning.AT_NOISE else f", {shown(times)} times that"
-        noise = f"(noise {joint.floor or 0.0:.3g}{e.or_more}{so_many})"
-        yield f"Largest residual relative to noise: {joint.joint}, {error:.3g} {joint.unit} {noise}."
+        noise, floor = joint.noise or 0.0, joint.floor or 0.0
+        least = f"; {floor:.3g}, {100 * tuning.SENSOR:g} % of its torque, counts as noise"
+        level = f"noise {noise:.3g}{e.or_more}{least if floor > noise else ''}"
+        size = f"{error:.3g} {joint.unit} ({level}{so_many})"
+        yield f"Largest residual relative to noise: {joint.joint}, {size}."
 
 
 def _gap_reasons(e: Evidence) -> Iterator[str]:
     gap, units = e.gap_evidence, {joint.joint: f" {joint.unit}" for joint in e.joints}
     # What an arm of other links would have, where nothing is missing with these.
-    instead = [one for one in gap.closest if gap.nothing and one.effect == "counterbalance"]
-    yield from map(likely_effect, instead)
+    for one in gap.closest if gap.nothing else ():
+        if one.effect == "counterbalance":
+            yield likely_effect(one)
     errors = gap.improvement
     noises = dict(zip(gap.joint_names, errors.floor, strict=True))
     for one in {one.joint: one for one in gap.named}.values():
         if one.rms_after is not None:
-            noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
             what = "without and with the correction" if one.corrected else "on held-out data"
             sizes = f"{one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}"
-            yield f"Error of {one.joint} {what} {sizes}{noise}."
+            yield f"Error of {one.joint} {what} {sizes}; noise {noises[one.joint]:.3g}."
     held_out = errors.after if gap.named else errors.before
     rows = zip(gap.joint_names, held_out, errors.floor, strict=True)
     left = [row for row in rows if not gap.named or row[0] in gap.more]
@@ -259,8 +262,8 @@ def warnings(e: Evidence) -> Iterator[str]:
     rows, gap = e.unseen[:-1] if e.asked == "replay" else e.unseen, e.gap_evidence
     # A search may say why: the arm is another one there.
     changed = gap.logs if gap.question == "changed" and gap.named else ()
-    rows = tuple(row for row in rows if row.log not in changed)
-    most = max(rows, key=lambda unseen: unseen.surprise, default=None)
+    rest = (row for row in rows if row.log not in changed)
+    most = max(rest, key=lambda unseen: unseen.surprise, default=None)
     if most and most.surprise > tuning.EXPECTED[0] and not at_noise(most, e):
         times = shown(most.surprise)
         yield f"Do not rely on the expected error: on {most.name} it was {times} times too small."
@@ -288,10 +291,9 @@ def steps(e: Evidence) -> Iterator[Step]:
     """Yield what to do next, most urgent first."""
     states = e.states
     if e.asked == "change" and e.changes and e.earlier_result:
-        command = (
-            f"{shell('dynid', 'gap', folder_of(e.earlier_result), *e.fitted_logs)} --ask changed"
-        )
-        yield Step("Search for what has changed, such as a load, friction or a sensor.", command)
+        command = shell("dynid", "gap", folder_of(e.earlier_result), *e.fitted_logs)
+        why = "Search for what has changed, such as a load, friction or a sensor."
+        yield Step(why, f"{command} --ask changed")
     if e.alarms:
         why = "The robot file and the log do not belong together: see which edit of the file explains the torques."
         yield Step(why, shell("dynid", "check", e.fitted_logs[0], "--robot", e.robot), (*states,))
@@ -300,9 +302,11 @@ def steps(e: Evidence) -> Iterator[Step]:
     yield from _doubt_steps(e)
     yield from _unseen_steps(e)
     if states["knowledge"] != "good":
-        left = f"{e.open} parameters are not determined: plan" if e.open else "Plan"
-        command = shell("dynid", "trajectory", e.robot)
-        yield Step(f"{left} a longer motion that excites more.", command, ("knowledge",))
+        plan = f"{e.open} parameters are not determined: plan" if e.open else "Plan"
+        what = "a longer motion that excites more"
+        if still := ", ".join(joint.joint for joint in e.joints if joint.torque == 0.0):
+            what = f"a motion that moves {still}, and record its torque, which was not fitted"
+        yield Step(f"{plan} {what}.", shell("dynid", "trajectory", e.robot), ("knowledge",))
     if states["complete"] == "open":
         why = "Search for missing effects; two recordings of one motion measure the noise."
         yield Step(why, e.search, ("complete",))
@@ -312,51 +316,46 @@ def steps(e: Evidence) -> Iterator[Step]:
 
 
 def _doubt_steps(e: Evidence) -> Iterator[Step]:
-    states = e.states
-    doubtful = tuple(name for name in ("physics", "fit") if states[name] not in ("good", "open"))
+    doubtful = tuple(name for name in ("physics", "fit") if e.states[name] not in ("good", OPEN))
     if doubtful and not e.searched:
         yield Step("Search for the missing effect.", e.search, (*doubtful, "complete"))
     elif doubtful:
-        link = _weakest(e)
+        shares = [joint.percent or 0.0 for joint in e.joints]
+        # The one whose joint is fitted worst; 2 where none is known.
+        link = shares.index(max(shares)) + 1 if any(shares) else 2
         why = f"Give what is known of the arm, such as the mass of link {link} from its data sheet, and identify again."
         command = shell("dynid", "identify", e.robot, *e.fitted_logs)
         yield Step(why, f"{command} --link-mass {link}=LOW:HIGH", doubtful)
 
 
 def _unseen_steps(e: Evidence) -> Iterator[Step]:
-    states = e.states
-    if states["unseen motion"] == "open":
+    state = e.states["unseen motion"]
+    if state == "open":
         why = "Validate the model on a recording of another motion."
         yield Step(why, f"{shell('dynid', 'validate', e.run)} LOG", ("unseen motion",))
-    elif states["unseen motion"] != "good" and not e.searched:
+    elif state != "good" and not e.searched:
         why = "Search for what is missing, or has changed, on the motion that the model does not predict."
         yield Step(why, e.search, ("unseen motion", "complete"))
-    elif states["unseen motion"] != "good":
+    elif state != "good":
         why = "Add a recording of another motion to the training logs."
         log = next((each.log for each in e.unseen if each.log), "LOG")
-        command = shell("dynid", "identify", e.robot, log, "--update", e.run)
-        yield Step(why, command, ("unseen motion",))
-
-
-def _weakest(e: Evidence) -> int:
-    """Return the number of the link whose joint is fitted worst; 2 where none is known."""
-    shares = [joint.percent or 0.0 for joint in e.joints]
-    return shares.index(max(shares)) + 1 if any(shares) else 2
+        yield Step(
+            why, shell("dynid", "identify", e.robot, log, "--update", e.run), ("unseen motion",)
+        )
 
 
 def _gap_steps(e: Evidence) -> Iterator[Step]:
     gap, logs = e.gap_evidence, e.gap_evidence.logs or ("LOG",)
+    search = shell("dynid", "gap", e.run, *logs, *gap.flags)
     first = next(iter((*gap.named, *gap.likely)), None)
     if gap.missing and gap.verdict != "ambiguous":
         why = "Add the effect to a copy of the robot file, and identify the arm with it."
-        command = f"{shell('dynid', 'gap', e.run, *logs, *gap.flags)} --apply best"
-        yield Step(why, command, ("complete", "fit", "unseen motion", "physics"))
+        yield Step(why, f"{search} --apply best", ("complete", "fit", "unseen motion", "physics"))
         return
     if gap.events:
         times = dict.fromkeys(f"{max(0.0, x.start):.1f}-{x.end:.1f}" for x in gap.events)
-        without = [word for time in times for word in ("--exclude", time)]
         why = "Search again without the disturbances, or look for a contact or a cable there."
-        yield Step(why, shell("dynid", "gap", e.run, *logs, *gap.flags, *without), ("complete",))
+        yield Step(why, f"{search} --exclude {','.join(times)}", ("complete",))
     if gap.not_repeatable and not gap.events:
         why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.not_repeatable)}, then record again."
         yield Step(why, shell("dynid", "check", logs[0], "--robot", e.robot), ("complete",))
@@ -364,9 +363,9 @@ def _gap_steps(e: Evidence) -> Iterator[Step]:
         # No motion helps: links of another mass make the same torques in every one.
         link = gap.joint_names.index(first.joint) + 1
         why = f"Give the mass of link {link} and a box around its centre of mass, from its drawing, and identify again."
-        command = f"{shell('dynid', 'identify', e.robot, *e.to_search)} --link-mass {link}=LOW:HIGH"
-        box = f"{command} --com-box {link}=X,Y,Z:X,Y,Z"
-        yield Step(why, box, ("complete", "physics", "fit"))
+        known = f"--link-mass {link}=LOW:HIGH --com-box {link}=X,Y,Z:X,Y,Z"
+        command = f"{shell('dynid', 'identify', e.robot, *e.to_search)} {known}"
+        yield Step(why, command, ("complete", "physics", "fit"))
     else:
         file = str(PurePath(e.result).parent / "gap.npz") if e.result else "GAP.npz"
         why = "Record the motion that decides, twice: the difference of repeats is noise."

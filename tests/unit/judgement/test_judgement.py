@@ -324,6 +324,14 @@ def test_a_short_log_with_a_third_held_out_is_not_good():
     assert "32 %" in judged.sentence
 
 
+def test_a_joint_without_torque_is_neither_above_its_noise_nor_helped_by_a_motion_alone():
+    joints = (*JOINTS[:2], JointEvidence("wrist", torque=0.0, fitted=0.0))
+    held = Unseen("the same motion (held out)", 0.4, (0.04, 0.04, 0.0), same_motion=True)
+    judged = judge(Evidence(joints=joints, fitted=0.5, unseen=(held,), known=0.6, open=4))
+    assert judged.light("unseen motion").state == "open"
+    assert any("moves wrist, and record its torque" in step.why for step in judged.steps)
+
+
 def test_a_replay_of_the_fitted_motion_that_is_far_off_is_a_change_and_no_noise_floor():
     replayed = Unseen("new.bag", 14.7, (1.5, 1.5, 1.5), True, 0.32, True, "new.bag")
     judged = judge(
