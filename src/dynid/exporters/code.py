@@ -64,8 +64,11 @@ def rendered(template: str, spelled: Callable[[str], str] = str, /, **facts: Any
         keep_trailing_newline=True,
         autoescape=template.endswith(".xml"),
     )
-    environment.filters |= {"spelled": spelled, "code": code, "name": identifier, "ascii": ascii}
     environment.filters |= {
+        "spelled": spelled,
+        "code": code,
+        "name": identifier,
+        "ascii": ascii,
         "row": numbers,
         "xml": printable,
         "comment": lambda x: Markup(xml_comment(x)),
@@ -210,8 +213,7 @@ def _in_c(text: str, arm: IdentifiedArm) -> Loaded | None:
             library.dynid_inverse_dynamics(*map(pointer, rows))
         return tau
 
-    loaded = _loaded(arm, Path(compiler).name, theirs)
-    return loaded._replace(what=f"all, {arm.robot.n} joints")
+    return _loaded(arm, Path(compiler).name, theirs)._replace(what=f"all, {arm.robot.n} joints")
 
 
 def imported(text: str) -> ModuleType:

@@ -50,8 +50,8 @@ def bare_urdf(text: str) -> str:
             for part in parent.findall(tag):
                 parent.remove(part)
     # Why: MuJoCo refuses fingers without a mass.
-    least = {"boundmass": "1e-14", "boundinertia": "1e-14"}
-    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", least)
+    engine = ET.SubElement(root, "mujoco")
+    ET.SubElement(engine, "compiler", boundmass="1e-14", boundinertia="1e-14")
     return ET.tostring(root, encoding="unicode")
 
 

@@ -99,10 +99,9 @@ class IdentifiedArm:
         """
         residual = ""
         if self.model_error is not None:
-            held = holds_residual and self.residual_model
             residual = (
                 "; with its residual model"
-                if held
+                if holds_residual and self.residual_model
                 else "; the parameters alone, without the result's residual model"
             )
         made = self.provenance

@@ -49,10 +49,11 @@ def text(arm: IdentifiedArm) -> str:
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what an MJCF has no place for."""
     full, negative = simulated(arm).full, negative_numbers(arm)
-    soft = "frictionloss has only its size and is a soft constraint"
     gone = {
         "torque offsets fo": any(full.of_joints("fo")),
-        f"the smooth start of Coulomb friction: {soft}": any(full.of_joints("fc")),
+        "the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint": any(
+            full.of_joints("fc")
+        ),
         f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero": negative,
     }
     return (*filter(gone.get, gone), *simulated(arm).left_out)
@@ -68,10 +69,8 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it in MuJoCo; None where numbers had to be written as zero, so that torques cannot agree."""
     if negative_numbers(arm):
         return None
-    what, names = (
-        "rigid body, rotors, viscous friction",
-        tuple(map(printable, arm.robot.joint_names)),
-    )
+    names = tuple(map(printable, arm.robot.joint_names))
+    what = "rigid body, rotors, viscous friction"
     return in_mujoco(text, names, arm, what, numbers_of(arm, "Im", "fv"))
 
 

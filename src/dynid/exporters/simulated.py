@@ -63,8 +63,7 @@ class Simulated:
 def simulated(arm: IdentifiedArm) -> Simulated:
     """Return where each effect of an arm goes."""
     names, bodies, drives = arm.robot.joint_names, list(arm.full.bodies), dict(arm.full.drives)
-    in_numbers, arm_effects = [], []
-    columns: list[tuple[Column, float]] = []
+    in_numbers, arm_effects, columns = [], [], list[tuple[Column, float]]()
     for added in arm.base.model.added:
         target, sizes = added.effect.more_of, arm.full.values(added.names).tolist()
         if target:
@@ -80,15 +79,15 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             columns += zip(forms, sizes, strict=False)
             arm_effects += [added] * (not forms)
     return Simulated(
-        full=replace(arm.full, bodies=tuple(bodies), drives=drives),
-        left=(
+        replace(arm.full, bodies=tuple(bodies), drives=drives),
+        (
             *(f"coupled motors' {name}" for name in drives if name[:3] in ("Imc", "fvc", "fcc")),
             *without_torque(arm.robot),
             *[RESIDUAL] * (arm.model_error is not None),
         ),
-        numbers=tuple(in_numbers),
-        columns=columns,
-        arm_effects=arm_effects,
+        tuple(in_numbers),
+        columns,
+        arm_effects,
     )
 
 

@@ -9,7 +9,7 @@ from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.exporters.user_urdf import rewritten
 from dynid.model.attached import attached
-from dynid.robot import JointMap
+from dynid.robot import JointMap, Robot
 from dynid.sim.urdf import urdf_text
 from dynid.text import printable, xml_comment
 
@@ -17,24 +17,33 @@ from dynid.text import printable, xml_comment
 def text(arm: IdentifiedArm) -> str:
     """Return the URDF."""
     full, robot = simulated(arm).full, arm.robot
+    head = f"{arm.head(str)}; {own_gravity(robot)}".rstrip("; ")
     if arm.urdf is not None:
-        return rewritten(arm.urdf, arm, full)
+        return rewritten(arm.urdf, robot, full, head)
     root = ET.fromstring(urdf_text(robot, full.bodies))
     friction = zip(full.of_joints("fv"), full.of_joints("fc"), strict=True)
     for joint, (fv, fc) in zip(root.findall("joint"), friction, strict=True):
         ET.SubElement(joint, "dynamics", damping=repr(float(fv)), friction=repr(float(fc)))
     for i, link in enumerate(root.findall("link")[1:], start=1):
         link.insert(0, ET.Comment(xml_comment(full.origin_of_link(i))))
-    root.insert(0, ET.Comment(xml_comment(arm.head(str))))
+    root.insert(0, ET.Comment(xml_comment(head)))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def own_gravity(robot: Robot) -> str:
+    """Return that the gravity has to be set in a simulator; "" where it points along -z, as simulators take it."""
+    x, y, z = robot.world_gravity
+    text = f"gravity {x:.4g}, {y:.4g}, {z:.4g} m/s^2: set it in the simulator"
+    return text if abs(x) + abs(y) >= -1e-3 * z else ""
 
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what a URDF has no place for."""
     Im, fv, fc, fo = (any(simulated(arm).full.of_joints(kind)) for kind in ("Im", "fv", "fc", "fo"))
-    own = arm.urdf is not None
+    own, gravity = arm.urdf is not None, own_gravity(arm.robot)
     gone = {
+        gravity: gravity,
         "rotor inertia: add it to the simulator (armature in MuJoCo, rotorInertia in Pinocchio)": Im,
         "torque offsets fo": fo,
         "friction: your file's <dynamics> stay as they are": own and (fv or fc),

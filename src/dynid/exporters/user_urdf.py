@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from dynid.errors import NotPhysical
@@ -17,22 +16,20 @@ from dynid.exporters.code import rendered
 from dynid.exporters.full_model import FullModel
 from dynid.model.attached import Attached, attached, hanging
 from dynid.model.parameters import body_of, moved
-from dynid.robot import Body
+from dynid.robot import Body, Robot
 from dynid.text import xml_comment
 
-if TYPE_CHECKING:
-    from dynid.exporters.interface import IdentifiedArm
 
-
-def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
+def rewritten(path: Path, robot: Robot, full: FullModel, head: str) -> str:
     """Return the text of a URDF with the inertial blocks of the identified links replaced.
 
     Args:
         path: the URDF.
-        arm: what is written.
+        robot: the arm.
         full: its bodies.
+        head: where its numbers come from.
     """
-    place = attached(path, arm.robot)
+    place = attached(path, robot)
     moving = [joint.name for joint in place.urdf.joints if joint.moves]
     new = {}
     for i, (joint, body) in enumerate(zip(place.joints, full.bodies, strict=True), start=1):
@@ -42,7 +39,7 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
             if place.urdf.bodies[fixed.child] is None:
                 note = "an empty frame: without this block PyBullet gives it 1 kg"
                 new[fixed.child] = (Body(0.0), note)
-    return _replaced(path, new, arm.head(str))
+    return _replaced(path, new, head)
 
 
 def _own_share(place: Attached, link: str, body: Body) -> Body:
@@ -63,7 +60,8 @@ def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
     # What is commented out is no element.
     seen = re.sub("<!--.*?-->", lambda match: " " * len(match[0]), text, flags=re.DOTALL)
     comment = xml_comment(f"inertial blocks of {', '.join(new)} by dynid: {head}")
-    pieces = [(seen.index("<robot"), seen.index("<robot"), f"<!--{comment}-->\n")]
+    top = seen.index("<robot")
+    pieces = [(top, top, f"<!--{comment}-->\n")]
     for link, (body, note) in new.items():
         name = rf"""<link\s(?:[^>]*?\s)?name\s*=\s*["']{re.escape(escape(link))}["'][^>]*?"""
         element = re.search(rf"{name}(?:/>|>.*?</link\s*>)", seen, re.DOTALL)

@@ -35,17 +35,16 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
                 "possible": i not in full.impossible_links(),
             }
         )
-    base = zip(arm.base.names, arm.theta.tolist(), strict=True)
     return {
         "schema": "dynid/full/1",
         "robot": robot.name,
         "convention": robot.convention,
         "angles": "rad",
-        "gravity_frame_0": list(robot.gravity),
+        "gravity_frame_0": robot.gravity,
         "links": links,
         "coulomb": robot.coulomb_shape.facts(),
         "friction": {name: value for name, value in full.drives.items() if name not in of_links},
-        "base_parameters": dict(base),
+        "base_parameters": dict(zip(arm.base.names, arm.theta.tolist(), strict=True)),
     }
 
 
