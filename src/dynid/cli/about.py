@@ -53,8 +53,8 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
             elif key in configured:
                 value, source = words_of(configured[key]), configured[key].where
             if here or source != "default":
-                where = "" if here else name
-                yield {"command": where, "option": key, "value": value, "source": source}
+                row = {"command": "" if here else name, "option": key}
+                yield row | {"value": value, "source": source}
 
 
 @dynid_command(
@@ -81,8 +81,16 @@ def doctor_command(session: Session) -> Answer:
     config = click.get_current_context().meta["dynid.config"]
     if config is not None:
         shown = list(sources(None if config == SHOW else config))
-        note = "options of single commands are listed when they differ from their default"
-        return Answer({"settings": shown}, parts=[Table(shown)], notes=[("note", note)])
+        return Answer(
+            {"settings": shown},
+            parts=[Table(shown)],
+            notes=[
+                (
+                    "note",
+                    "options of single commands are listed when they differ from their default",
+                )
+            ],
+        )
     return workflows.doctor.doctor()
 
 
@@ -96,18 +104,15 @@ def explain_command(session: Session, *, word: str | None = None) -> Answer:
       dynid explain robot-file   a page: every key of a robot file
     """
     if word is None:
-        lines = [
-            *((each, summary(each)) for each in codes()),
-            ("pages", ", ".join(sorted(pages()))),
-        ]
-        facts = {"codes": {each: page(each) for each in codes()}, "pages": sorted(pages())}
+        names = sorted(pages())
+        facts = {"codes": {each: page(each) for each in codes()}, "pages": names}
+        lines = [*((each, summary(each)) for each in codes()), ("pages", ", ".join(names))]
         return Answer(facts, parts=lines)
     code = word.strip("[]").upper()
     if code in codes():
-        lines = [
-            (code if label == "what" else f"  {label}", text) for label, text in page(code).items()
-        ]
-        return Answer({"code": code, **page(code)}, parts=lines)
+        said = page(code)
+        lines = [(code if name == "what" else f"  {name}", text) for name, text in said.items()]
+        return Answer({"code": code, **said}, parts=lines)
     if word in pages():
         text = pages()[word].read_text(encoding="utf-8")
         session.answer(text)

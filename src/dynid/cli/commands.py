@@ -19,56 +19,47 @@ class Entry(NamedTuple):
 
     Attributes:
         module: its module.
-        loop: heading of the map that it stands under; "" for the line of small commands.
         help: what it does.
+        loop: heading of the map that it stands under; "" for the line of small commands.
         writes: what it writes.
     """
 
     module: str
-    loop: str
     help: str
+    loop: str = ""
     writes: str = ""
 
 
 COMMANDS: dict[str, Entry] = {
-    "model": Entry("loops", "Loop 1", "DH robot file", "regressor.npz, fullregressor.npz"),
-    "trajectory": Entry("trajectory", "Loop 2", "plan and preview", "trajectory.npz"),
+    "model": Entry("loops", "DH robot file", "Loop 1", "regressor.npz, fullregressor.npz"),
+    "trajectory": Entry("trajectory", "plan and preview", "Loop 2", "trajectory.npz"),
     "record": Entry(
-        "record",
-        "Loop 2",
-        "move the arm and log",
-        "log.bag, log.npz            (needs ROS 1)",
+        "record", "move the arm and log", "Loop 2", "log.bag, log.npz            (needs ROS 1)"
     ),
     "parameters": Entry(
-        "loops",
-        "Loop 3",
-        "regressor on the log",
-        "fullnumericregressor.npz, estimatedmotion.npz",
+        "loops", "regressor on the log", "Loop 3", "fullnumericregressor.npz, estimatedmotion.npz"
     ),
-    "identify": Entry("loops", "Loop 3", "least squares", "parameters.npz, report.html"),
-    "validate": Entry("results", "Then", "predict a held-out log", "torque error of each joint"),
-    "gap": Entry("gap", "Then", "find, size and add a missing effect"),
-    "check": Entry("results", "", "look for mistakes in a robot file, a log or a result"),
-    "convert": Entry("results", "", "write a recording as .npz or .csv"),
-    "import": Entry("results", "", "make a robot file from a URDF"),
-    "compare": Entry("results", "", "one table over many results"),
-    "run": Entry("results", "", "many robots and logs from one list"),
-    "report": Entry("results", "", "rebuild report.html"),
-    "export": Entry("results", "", "write the identified model as URDF, YAML or code"),
-    "demo": Entry("demo", "", "the whole workflow on a simulated arm with a hidden effect"),
+    "identify": Entry("loops", "least squares", "Loop 3", "parameters.npz, report.html"),
+    "validate": Entry("results", "predict a held-out log", "Then", "torque error of each joint"),
+    "gap": Entry("gap", "find, size and add a missing effect", "Then"),
+    "check": Entry("results", "look for mistakes in a robot file, a log or a result"),
+    "convert": Entry("results", "write a recording as .npz or .csv"),
+    "import": Entry("results", "make a robot file from a URDF"),
+    "compare": Entry("results", "one table over many results"),
+    "run": Entry("results", "many robots and logs from one list"),
+    "report": Entry("results", "rebuild report.html"),
+    "export": Entry("results", "write the identified model as URDF, YAML or code"),
+    "demo": Entry("demo", "the whole workflow on a simulated arm with a hidden effect"),
     "simulate": Entry(
         "simulated",
-        "",
         "a log of an arm that follows a motion, with friction, noise and effects; no ROS",
     ),
     "sim-driver": Entry(
-        "simulated",
-        "",
-        "a simulated arm behind its driver's ROS topics, to rehearse a recording",
+        "simulated", "a simulated arm behind its driver's ROS topics, to rehearse a recording"
     ),
-    "doctor": Entry("about", "", "what works on this machine and what does not"),
-    "explain": Entry("about", "", "what an error or warning code means"),
-    "completion": Entry("about", "", "shell completion for bash, zsh or fish"),
+    "doctor": Entry("about", "what works on this machine and what does not"),
+    "explain": Entry("about", "what an error or warning code means"),
+    "completion": Entry("about", "shell completion for bash, zsh or fish"),
 }
 #: Commands that were imported, by name.
 IMPORTED: dict[str, Any] = {}

@@ -81,8 +81,10 @@ def all_loops(
     base, drawing = dynid.base_model(arm, folder), Drawing(folder / "preview.png")
     judged = workflows.trajectory.review_trajectory(arm, file, base=base, drawing=drawing)
     facts, pictures = judged.stored.facts["answer"], judged.clearance.pictures
-    number = f"condition number {facts['condition_number_scaled']:.3g}"
-    motion = f"A motion of {facts['duration_s']:.0f} s inside all limits; {number}."
+    number = f"{facts['condition_number_scaled']:.3g}"
+    motion = (
+        f"A motion of {facts['duration_s']:.0f} s inside all limits; condition number {number}."
+    )
     session.stage("motion", motion)
     session.wrote(*pictures)
     told += [size, title, motion, *pictures]
@@ -111,8 +113,8 @@ def find_hidden(session: Session, told: list[str | Path], effect: str, folder: P
     words, flags = (robot, *logs[:4], "-o", folder, "--no-feasible"), ("--no-report", "-f")
     step(session, told, ", on the first two motions", "identify", words, flags)
     words = (folder / "parameters.npz", *logs, "-o", folder / "with_effect", "--apply=best", "-f")
-    copy = f"--new-name={folder / 'arm_with_effect.yaml'}"
-    gap = step(session, told, ", held out: the third motion", "gap", words, (copy,))
+    copy = [f"--new-name={folder / 'arm_with_effect.yaml'}"]
+    gap = step(session, told, ", held out: the third motion", "gap", words, copy)
     right = workflows.demo.is_right_answer(hidden, gap)
     verdict = "right" if right else "wrong"
     where = f" {hidden.size:g} on joint {hidden.joint + 1}" if hidden.size else ""
@@ -128,13 +130,16 @@ def find_hidden(session: Session, told: list[str | Path], effect: str, folder: P
         "right": right,
         "gap": gap,
     }
-    parts = (
-        "",
-        ("hidden", f"{hidden.name}{where} (seed {session.seed})"),
-        ("verdict", f"{gap['verdict']}: {verdict}"),
-        ("picture", str(folder / "gap" / "shrink.png")),
+    return Answer(
+        facts,
+        parts=(
+            "",
+            ("hidden", f"{hidden.name}{where} (seed {session.seed})"),
+            ("verdict", f"{gap['verdict']}: {verdict}"),
+            ("picture", str(folder / "gap" / "shrink.png")),
+        ),
+        status=not right,
     )
-    return Answer(facts, parts=parts, status=not right)
 
 
 def step(
@@ -155,6 +160,5 @@ def step(
         session.part(sentence)
     told += [title, shell("dynid", name, *words), *said]
     # Why not all: measured positions and their derivatives are the same with any model.
-    drawn = (path for path in answer["wrote"] if path.suffix == ".png")
-    told += [path for path in drawn if path.stem not in KINEMATICS]
+    told += [x for x in answer["wrote"] if x.suffix == ".png" and x.stem not in KINEMATICS]
     return answer

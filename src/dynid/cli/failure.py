@@ -107,8 +107,11 @@ def ended(error: BaseException, words: Sequence[str], given: Mapping[str, Any]) 
     if given.get("debug") or "--debug" in words:
         echo(trace)
     mistake = _mistake(error) or _crash(error, words, trace)
-    keys = ("code", "what", "where", "why", "fix")
-    said = {key: visible(text) for key in keys if (text := getattr(mistake, key))}
+    said = {
+        key: visible(text)
+        for key in ("code", "what", "where", "why", "fix")
+        if (text := getattr(mistake, key))
+    }
     head = f"error[{mistake.code}]"
     if use_color(sys.stderr, str(given.get("color", "auto"))):
         head = click.style(head, fg="red", bold=True)
@@ -167,13 +170,12 @@ def _usage_error(error: click.ClickException) -> DynidError:
 def _crash(error: BaseException, words: Sequence[str], trace: str) -> DynidError:
     """Return a mistake of dynid, whose traceback is in a crash file where one can be written."""
     command = f"command: {' '.join(['dynid', *words])}"
-    facts = [*workflows.doctor.version_lines(), platform.platform()]
-    text = "\n".join([*facts, command, "", trace])
+    lines = *workflows.doctor.version_lines(), platform.platform(), command, "", trace
     file = cache_folder() / f"crash-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}.txt"
     what, where = f"internal error: {type(error).__name__}: {error}"[:200], str(file)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8", errors="backslashreplace")
+        file.write_text("\n".join(lines), encoding="utf-8", errors="backslashreplace")
     except OSError:
         where = "no file, which could not be written"
     fix = "report it with that file, or run again with --debug"

@@ -71,8 +71,8 @@ def model_command(
             return reduced(session, derived, options)
         if reply == "no":
             why = "Find out which of its parameters are identifiable, alone or in linear combinations."
-            step = Step(why, f"dynid model {robot.word} --reduce")
-            return replace(derived.answer(), next=[step])
+            steps = [Step(why, f"dynid model {robot.word} --reduce")]
+            return replace(derived.answer(), next=steps)
         source = str(robot.path or robot.source)
         click.edit(filename=source)
         robot = dynid.load_robot(robot.source or source)
@@ -165,7 +165,7 @@ def stacked(
     """Stack logs, and write fullnumericregressor.npz and estimatedmotion.npz, again without asking."""
     folder, work = session.folder(robot.slug), workflows.parameters
     path, wrote = RunFolder(folder).stack, []
-    inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
+    inputs = work.log_inputs(robot, logs) | options.texts()
     base = dynid.base_model(robot, folder)
     if again or may_write(session, path, inputs):
         seen = work.observe(robot, logs, options, base=base)
@@ -224,8 +224,9 @@ def identify_command(
     write_run(folder, answer.facts["inputs"])
     if open:
         click.launch(str(run.report.resolve()))
-    broken = broken_limits(answer.facts, limits)
-    return replace(answer, wrote=(*answer.wrote, *wrote), limits=broken)
+    return replace(
+        answer, wrote=(*answer.wrote, *wrote), limits=broken_limits(answer.facts, limits)
+    )
 
 
 # ---------------------------------------------------------------- --fail-if
@@ -248,8 +249,8 @@ def parsed_limit(text: str) -> Limit:
     """Read a limit such as ``max_rms_nm > 1.5``."""
     match = LIMIT.fullmatch(text.lower())
     if match is None:
-        fix = "such as --fail-if 'max_rms_nm > 1.5'"
-        raise WrongUsage(f"--fail-if '{text}' is not NAME > NUMBER", fix=fix)
+        what = f"--fail-if '{text}' is not NAME > NUMBER"
+        raise WrongUsage(what, fix="such as --fail-if 'max_rms_nm > 1.5'")
     name, sign, number = match.groups()
     if name not in FIGURES:
         raise no_such("--fail-if: no figure", name, FIGURES)

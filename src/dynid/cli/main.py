@@ -67,16 +67,13 @@ def loop_map() -> str:
             lines.append(f"  {entry.loop * (entry.loop != above):<8} {name:<11} {arrow}")
             above = entry.loop
     also = "  ".join(name for name, entry in COMMANDS.items() if not entry.loop)
-    first, yours = "First time?   dynid demo", "Your robot?   dynid check my_arm.yaml"
-    return "\n".join(
-        [
-            *lines,
-            f"  {'Also':<8} {also}",
-            "",
-            f"{first:<40}whole workflow on a simulated arm, no robot, under a minute",
-            f"{yours:<40}Help: dynid COMMAND -h     Docs: docs/index.md",
-        ]
-    )
+    lines += [
+        f"  {'Also':<8} {also}",
+        "",
+        "First time?   dynid demo                whole workflow on a simulated arm, no robot, under a minute",
+        "Your robot?   dynid check my_arm.yaml   Help: dynid COMMAND -h     Docs: docs/index.md",
+    ]
+    return "\n".join(lines)
 
 
 def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:

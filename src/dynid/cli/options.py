@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields, replace
 from functools import wraps
@@ -25,14 +26,16 @@ from click.core import ParameterSource
 import dynid
 from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, CONTEXT, IMPORTED, command_of, shown
-from dynid.cli.runfile import repeated
+from dynid.cli.runfile import arguments_of, repeated
 from dynid.cli.session import Session
 from dynid.files.yamlfile import read_yaml
 from dynid.options import Options, declaration_of, flag_of
+from dynid.text import shell
 from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
     from dynid.files.yamlfile import Value
+    from dynid.judgement.rules import Step
 
 Decorator = Callable[[Callable[..., Any]], Any]
 #: Options that every command has, and those of them with one letter.
@@ -164,8 +167,11 @@ def arguments(session: Session, kinds: dict[str, Any], values: dict[str, Any]) -
 # ---------------------------------------------------------------- configuration files
 def keys_of(command: click.Command) -> dict[str, click.Option]:
     """Return the options that variables and configuration files may set, by name."""
-    options = [param for param in command.params if isinstance(param, click.Option)]
-    return {str(each.name): each for each in options if each.allow_from_autoenv}
+    return {
+        str(each.name): each
+        for each in command.params
+        if isinstance(each, click.Option) and each.allow_from_autoenv
+    }
 
 
 def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
@@ -224,9 +230,9 @@ class Command(click.Command):
         """Write the command's own options, then the common ones."""
         for common, title in enumerate(("Options", "Common options")):
             params = [param for param in self.get_params(ctx) if (param.name in COMMON) == common]
-            records = [record for param in params if (record := param.get_help_record(ctx))]
+            records = (param.get_help_record(ctx) for param in params)
             with formatter.section(title):
-                formatter.write_dl([record for record in records if record[1]])
+                formatter.write_dl([record for record in records if record and record[1]])
 
 
 FROM_OPTION = click.option(
@@ -281,7 +287,8 @@ def dynid_command(
             session: Session = replace(ctx.obj or Session(), **common)
             with session.heard():
                 answer: Answer = function(session, **arguments(session, kinds, values))
-                session.show(answer)
+                steps = [with_reading(ctx, step) for step in answer.next]
+                session.show(replace(answer, next=steps))
                 facts = {"schema": f"dynid/{name}/1", **answer.facts, "wrote": session.written}
                 if ctx.obj is not None:
                     return facts
@@ -308,6 +315,15 @@ def dynid_command(
         return command
 
     return decorate
+
+
+def with_reading(ctx: click.Context, step: Step) -> Step:
+    """Return a next step; on logs of this command with the options that were needed here to read them."""
+    logs = {*arguments_of(ctx, ("log", "logs", "paths"))}
+    if logs.isdisjoint(shlex.split(step.command)):
+        return step
+    flags = arguments_of(ctx, ("topic", "rate", "exclude", "sort_time", "anyway"))
+    return replace(step, command=f"{step.command} {shell(*flags)}".rstrip())
 
 
 def invoke(session: Session, name: str, *words: object) -> dict[str, Any]:

@@ -50,27 +50,27 @@ QUESTIONS: dict[str, Question] = {
         "Reduce to base parameters now?",
         "Ynr",
         "--reduce/--no-reduce",
-        unasked="yes",
-        yes="yes",
-        note="r = edit the robot file, then rebuild",
+        "yes",
+        "yes",
+        "r = edit the robot file, then rebuild",
     ),
     "P2": Question(
         "Does this motion look safe?",
         "yNq",
         "--accept",
-        unasked="no",
-        yes="no",
-        note="n = change alpha, seed or waypoints and plan again",
-        unasked_text="written, marked reviewed: no",
+        "no",
+        "no",
+        "n = change alpha, seed or waypoints and plan again",
+        "written, marked reviewed: no",
     ),
     "P4": Question("Convert to log.npz now?", "Yn", "--convert/--no-convert", "yes", "yes"),
     "P5": Question(
         "Identify now?",
         "Ynr",
         "--identify/--no-identify",
-        unasked="no",
-        yes="yes",
-        note="r = change the filter and stack again",
+        "no",
+        "yes",
+        "r = change the filter and stack again",
     ),
     "P6": Question("Overwrite {path}?", "yN", "--force", "no", "yes"),
     "P7": Question(
@@ -199,8 +199,9 @@ def may_write(
 
         stored = read_header(path).get("inputs")
         if stored == dict(inputs) and not session.yes:
-            reused = f"{path}       (made from the same inputs; --force makes it again)"
-            session.stage("reused", reused)
+            session.stage(
+                "reused", f"{path}       (made from the same inputs; --force makes it again)"
+            )
             return False
     if not session.yes and not can_ask(session):
         difference = "" if inputs is None else f" and {_difference(stored, inputs)}"

@@ -120,17 +120,16 @@ def ended(session: Session, done: Recording, outcome: Outcome, convert: bool | N
         log = dynid.loading.read_log(bag, robot, LogOptions(topic=done.options.topic))
         made = [log.save(bag.with_name("log.npz"), session.header({"log": sha256(bag)}))]
     else:
-        check = f"dynid check {shell(bag)} --robot {robot.word} --convert"
-        steps.insert(0, Step("", check))
+        steps.insert(0, Step("", f"dynid check {shell(bag)} --robot {robot.word} --convert"))
     return Answer(done.facts(), wrote=made, next=steps)
 
 
 def show(session: Session, done: Recording, outcome: Outcome) -> None:
     """Say what was written, and what is known about an arm that was stopped."""
     bag, texts, manifest = done.files
-    tally = outcome.tally
-    lost = f"{tally.lost or 'none'} lost"
-    session.wrote(bag, note=f"{tally.messages} messages, {tally.rate:.1f} Hz, {lost}")
+    lost = f"{outcome.tally.lost or 'none'} lost"
+    count = f"{outcome.tally.messages} messages, {outcome.tally.rate:.1f} Hz, {lost}"
+    session.wrote(bag, note=count)
     session.wrote(texts, note="position.txt, velocity.txt, torque.txt, time.txt")
     session.wrote(manifest)
     for note in outcome.notes:
@@ -138,8 +137,8 @@ def show(session: Session, done: Recording, outcome: Outcome) -> None:
     if outcome.failure is None or done.options.listen_only:
         return
     if outcome.stop_failure:
-        urgent = f"FAILED: {outcome.stop_failure}; use the physical stop button now"
-        session.say(f"stop       {urgent}", "bold red")
+        urgent = "use the physical stop button now"
+        session.say(f"stop       FAILED: {outcome.stop_failure}; {urgent}", "bold red")
     else:
         session.say(f"stop       {outcome.stop}")
     session.say(f"arm        {STILL[outcome.still]}")

@@ -207,8 +207,10 @@ def convert_command(
     """
     target = to or session.out
     if target is None:
-        fix = shell("dynid", "convert", log, "-o", f"{log.stem}.npz")
-        raise WrongUsage("no file to write is given", fix=fix)
+        raise WrongUsage(
+            "no file to write is given",
+            fix=shell("dynid", "convert", log, "-o", f"{log.stem}.npz"),
+        )
     may_write(session, target, other="another --to")
     arm = dynid.load_robot(robot) if robot else None
     return workflows.files.convert(log, target, arm, options)
@@ -262,8 +264,7 @@ def run_command(
 
     def line(event: str, facts: Facts) -> None:
         if json_lines:
-            facts = {"schema": "dynid/run-event/1", "event": event, **facts}
-            session.emit_json(facts, indent=None)
+            session.emit_json({"schema": "dynid/run-event/1", "event": event, **facts}, indent=None)
 
     def ended(jobs: int, job: Facts) -> None:
         how = "reused" if job["reused"] else f"{job['seconds']:.1f} s"
@@ -283,7 +284,7 @@ def run_command(
     failed = [job["status"] for job in jobs if job["outcome"] == "failed"]
     said = "{passed} of {jobs} passed, {beyond_limit} beyond a limit, {failed} failed"
     rows = [{head: job[key] or None for head, key in COLUMNS.items()} for job in jobs]
-    verdict = ("verdict", said.format(jobs=len(jobs), **counts))
+    verdict = "verdict", said.format(jobs=len(jobs), **counts)
     return Answer(
         {"jobs": jobs, **counts},
         parts=() if json_lines else (Table(rows), "", verdict),

@@ -6,8 +6,7 @@ so that the run does not depend on variables and configuration files of that day
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
@@ -22,7 +21,7 @@ from dynid.cli.session import Session
 from dynid.disk import write_text
 from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
-from dynid.text import yaml_text
+from dynid.text import shell, yaml_text
 from dynid.version import __version__
 
 NAME = "run.yaml"
@@ -36,19 +35,23 @@ def flag_of(param: click.Parameter) -> str:
     return max(param.opts, key=len)
 
 
-def arguments_of(ctx: click.Context) -> list[str]:
-    """Return a command line that gives the same values: arguments, then options that differ from their default."""
+def arguments_of(ctx: click.Context, names: Container[str] = ()) -> list[str]:
+    """Return a command line that gives the same values: arguments, then options that differ from their default.
+
+    Args:
+        ctx: of the command.
+        names: of what is wanted, all without.
+    """
     words, flags = list[str](), list[str]()
     for param in ctx.command.params:
         name = str(param.name)
-        value = ctx.params.get(name)
-        if value is None or ctx.get_parameter_source(name) is ParameterSource.DEFAULT:
+        value, default = ctx.params.get(name), ParameterSource.DEFAULT
+        wanted = name in names if names else name not in _SILENT
+        if not wanted or value is None or ctx.get_parameter_source(name) is default:
             continue
         values = value if isinstance(value, (list, tuple)) else [value]
         if not isinstance(param, click.Option):
             words += map(str, values)
-        elif name in _SILENT:
-            continue
         elif isinstance(value, bool):
             flags += [flag_of(param)] if value else param.secondary_opts[:1]
         else:
@@ -70,7 +73,7 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> None:
         runs = dict(yaml.safe_load(path.read_text(encoding="utf-8")))
     runs[str(ctx.info_name)] = {
         "dynid": __version__,
-        "command": shlex.join(["dynid", str(ctx.info_name), *arguments]),
+        "command": shell("dynid", ctx.info_name, *arguments),
         "arguments": arguments,
         "inputs": dict(inputs),
     }
@@ -92,8 +95,8 @@ def repeated(ctx: click.Context, args: list[str]) -> list[str]:
         raise WrongUsage(f"no such file {path}", why=f"--from takes the {NAME} of a results folder")
     runs = read_yaml(path).mapping([*COMMANDS])
     if command.name not in runs:
-        has = ", ".join(runs)
-        raise WrongUsage(f"{path} holds no run of '{command.name}'; it has {has}", where=path)
+        what = f"{path} holds no run of '{command.name}'; it has {', '.join(runs)}"
+        raise WrongUsage(what, where=path)
     keys = runs[command.name].mapping(_KEYS, required=("arguments",))
     stored = [item.text() for item in keys["arguments"].items()]
     stored_values = command.make_parser(ctx).parse_args([*stored])[0]

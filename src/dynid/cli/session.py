@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 #: How far the further lines of a sentence are moved in.
 SENTENCE = 2
 #: Labels of lines that are copied from the terminal, and so never folded.
-COPYABLE = ("wrote", "next", "")
+COPYABLE = ("wrote", "next")
 #: Width of tables that go to a file or a pipe: nothing is folded there.
 UNLIMITED = 400
 #: Work shorter than this is not worth a bar [s].
@@ -188,8 +188,11 @@ class Session(Options):
                 head, *lines = repr(part).splitlines() or [""]
                 if max(map(len, (head, *lines))) > self.stdout.width:
                     width = max(map(len, part[0]))
-                    cells = [cell for row in part for cell in row.items()]
-                    lines = [f"{name:<{width}}  {cell_text(value)}" for name, value in cells]
+                    lines = [
+                        f"{name:<{width}}  {cell_text(value)}"
+                        for row in part
+                        for name, value in row.items()
+                    ]
                 elif part:
                     self.answer(head, "bold")
                 for line in lines:
@@ -197,7 +200,7 @@ class Session(Options):
             case str():
                 self.answer(part, indent=SENTENCE)
             case label, text:
-                self.answer(f"{label:<{LABEL}}{text}", indent=None if label in COPYABLE else LABEL)
+                self.answer(f"{label:<{LABEL}}{text}", indent=LABEL if label else None)
 
     def show(self, answer: Answer) -> None:
         """Print an answer, and say what was written and what to do next; with -v all of it."""

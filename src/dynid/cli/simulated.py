@@ -58,20 +58,18 @@ def simulate_command(
       dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log
     """
     if compare is not None:
-        before, after = robot, trajectory
-        gap = dynid.compare_in_simulator([before, after], compare)
-        folder = (session.out or RunFolder.of(after).path) / "simulator"
-        picture = folder / f"{compare.stem}_{gap.engine}.png"
+        gap = dynid.compare_in_simulator([robot, trajectory], compare)
+        folder = session.out or RunFolder.of(trajectory).path
+        picture = folder / "simulator" / f"{compare.stem}_{gap.engine}.png"
         return replace(gap.answer(), wrote=[workflows.simulate.save_figure(gap, picture)])
     arm = dynid.load_robot(robot, tip=tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, "motion": sha256(trajectory), **options.texts()}
     simulation = dynid.simulate(arm, trajectory, options)
-    wrote = []
-    if may_write(session, target, inputs):
-        wrote.append(simulation.log.save(target, session.header(inputs)))
-    step = Step("", f"dynid identify {arm.word} {shell(target)}")
-    return replace(simulation.answer(), wrote=wrote, next=[step])
+    new = may_write(session, target, inputs)
+    wrote = [simulation.log.save(target, session.header(inputs))] if new else []
+    steps = [Step("", f"dynid identify {arm.word} {shell(target)}")]
+    return replace(simulation.answer(), wrote=wrote, next=steps)
 
 
 @dynid_command("sim-driver")

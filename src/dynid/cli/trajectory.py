@@ -199,9 +199,8 @@ def view(session: Session, around: Surroundings, folder: Path) -> tuple[Drawing,
         notice([Finding("W604", "info", text)] * auto)
     elif auto:
         window = can_ask(session) and not around.accept
-    drawing = Drawing(
+    return Drawing(
         picture=picture if wanted in ("auto", "video", "picture") else None,
         animation=animation if wanted in ("auto", "video") else None,
         needed=wanted in ("gui", "video"),
-    )
-    return drawing, window
+    ), window
