@@ -58,14 +58,12 @@ def catalogue() -> dict[str, type[DynidError]]:
 
 def codes() -> list[str]:
     """Return all codes, errors and warnings of a topic together."""
-    return sorted([*catalogue(), *WARNINGS], key=lambda code: (code[1:], code))
+    return sorted([*catalogue(), *WARNINGS], key=lambda code: code[1:] + code)
 
 
 def summary(code: str) -> str:
     """Return what happened, in one sentence."""
-    return (
-        WARNINGS[code] if code in WARNINGS else " ".join((catalogue()[code].__doc__ or "").split())
-    )
+    return WARNINGS.get(code) or " ".join((catalogue()[code].__doc__ or "").split())
 
 
 def page(code: str) -> dict[str, str]:
@@ -73,10 +71,9 @@ def page(code: str) -> dict[str, str]:
     if code in WARNINGS:
         return {"what": summary(code)}
     mistake = catalogue()[code]
-    status = mistake.status
     return {
         "what": summary(code),
         "why": mistake.why,
         "fix": mistake.fix,
-        "exit": f"{int(status)}, {EXIT_MEANING[status]}",
+        "exit": f"{int(mistake.status)}, {EXIT_MEANING[mistake.status]}",
     }

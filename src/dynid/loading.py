@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeAlias
 from dynid.arguments import instance, one_thread, public
 from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.gravity import check_gravity
-from dynid.errors import Finding, RobotNotFound, WrongUsage, located
+from dynid.errors import DynidError, Finding, RobotNotFound, WrongUsage, located
 from dynid.estimation.result import Identification
 from dynid.files import robotfile
 from dynid.files.logs import FORMATS
@@ -143,14 +143,19 @@ def checked_log(
     """
     if options.velocity == "derived":
         log = replace(log, qd=None)
-    with located(str(log.source or "log")):
-        log = prepare(
-            log,
-            robot,
-            exclude=options.exclude,
-            sort_time=options.sort_time,
-            identify=identify,
-        )
+    try:
+        with located(str(log.source or "log")):
+            log = prepare(
+                log,
+                robot,
+                exclude=options.exclude,
+                sort_time=options.sort_time,
+                identify=identify,
+            )
+    except DynidError:
+        # Why: a log that was cut is too short for a reason.
+        notice(log.findings)
+        raise
     if options.velocity == "measured" and log.qd is None:
         log = replace(log, qd=log.extra.get("qd_reported"))
         finding = Finding("W308", "warning", f"{log.name} has no velocity; the derived one is used")
@@ -174,8 +179,13 @@ def diagnose_logs(logs: Sequence[Log], robot: Robot, options: LogOptions) -> tup
 
 
 def check_weight(log: Log, robot: Robot) -> None:
-    """Raise when the torques of a checked log have no weight of the arm in them (E317)."""
+    """Raise when the torques of a checked log are currents and those of the model not, or have no weight (E317)."""
     with located(str(log.source or "log")):
+        if log.tau_unit == "A" and not robot.torque.relative:
+            raise WrongUsage(
+                f"{log.name} holds currents in A, the model has N m: the gains of the drives are not known",
+                fix="identify with the gains in the robot file: torque: {source: motor_current, gain: [...]}",
+            )
         check_gravity(log, robot)
 
 

@@ -55,10 +55,9 @@ def write_artifact(
         header: JSON-able facts.
         arrays: arrays by name.
     """
-    facts = {"schema": schema, "dynid": __version__, **header}
-    text = np.array(json.dumps(facts, default=_plain))
+    facts = json.dumps({"schema": schema, "dynid": __version__, **header}, default=_plain)
     with written_whole(path) as stream, zipfile.ZipFile(stream, "w") as archive:
-        for name, array in {HEADER: text, **arrays}.items():
+        for name, array in {HEADER: np.array(facts), **arrays}.items():
             # Why not by name: that would write the time of day.
             info = zipfile.ZipInfo(f"{name}.npy")
             info.compress_type = (

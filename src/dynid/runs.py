@@ -59,7 +59,8 @@ class RunFolder:
 
     def remove_search(self) -> None:
         """Remove what an earlier search left: its pictures and what was driven say nothing of a new one."""
-        pictures = ("where.png", "shrink.png", "simulator.png", "effect_*.png")
-        left = [path for name in pictures for path in self.path.glob(f"gap/{name}")]
-        for path in (*left, self.search, self.simulated):
+        for name in ("where.png", "shrink.png", "simulator.png", "effect_*.png"):
+            for path in self.path.glob(f"gap/{name}"):
+                path.unlink()
+        for path in (self.search, self.simulated):
             path.unlink(missing_ok=True)

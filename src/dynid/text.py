@@ -22,7 +22,7 @@ _LATEX = {
     **{c: f"\\{c}" for c in "_&%$#{}"},
 }
 #: Words that YAML reads as something else than text.
-_YAML = frozenset(["y", "n", "yes", "no", "on", "off", "true", "false", "null", "nan", "inf"])
+_YAML = re.compile("(?i)y|n|yes|no|on|off|true|false|null|nan|inf")
 #: Longest label and title of a figure and longest name of a file, in characters; what is longer is cut.
 LABEL_LENGTH, TITLE_LENGTH, FILE_LENGTH = 60, 120, 100
 
@@ -124,7 +124,7 @@ def yaml_word(text: str) -> str:
 
     return (
         text
-        if re.fullmatch(r"[A-Za-z_/][A-Za-z0-9_/]*", text) and text.lower() not in _YAML
+        if re.fullmatch(r"[A-Za-z_/][A-Za-z0-9_/]*", text) and not _YAML.fullmatch(text)
         else json.dumps(text)
     )
 
