@@ -12,7 +12,7 @@ import numpy as np
 from dynid.answer import Answer, Facts, Judged, judged, picked
 from dynid.arguments import public
 from dynid.arrays import Floats
-from dynid.errors import SameRecording
+from dynid.errors import LogTooShort, SameRecording
 from dynid.estimation import prediction
 from dynid.estimation.estimate import log_motion
 from dynid.estimation.evidence import evidence_of, fingerprint, here
@@ -111,18 +111,20 @@ class Validation(Judged):
         return replace(self.known, asked="replay", unseen=(*earlier, seen))
 
     def table(self) -> Table:
-        """Return one row per joint: rms error and rms torque [N m or N], relative error [%], and the baseline."""
-        columns = {
-            "joint": "joint",
-            "rms error": "rms",
-            "torque rms": "torque_rms",
-            "error %": "relative_percent",
-            "rms of baseline": "baseline_rms",
-        }
+        """Return one row per joint: rms error and rms torque [N m, N or A], relative error [%], and the baseline."""
         return Table(
             [
-                picked(error, **columns) | {"unit": joint.torque_unit}
-                for error, joint in zip(self.joints, self.robot.joints, strict=True)
+                {
+                    "joint": each.joint,
+                    "rms error": each.rms / gain,
+                    "torque rms": each.torque_rms / gain,
+                    "error %": each.relative_percent,
+                    "rms of baseline": each.baseline_rms / gain,
+                    "unit": known.unit,
+                }
+                for each, gain, known in zip(
+                    self.joints, self.robot.shown_gains, self.known.joints, strict=True
+                )
             ]
         )
 
@@ -147,16 +149,20 @@ class Validation(Judged):
 
     def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid validate`` says."""
-        keys = {
-            "rms_nm": "rms",
-            "relative_error_percent": "relative_percent",
-            "baseline_rms_nm": "baseline_rms",
-        }
         answer = {
             "robot": self.robot.name,
             **picked(self, "relative_error_percent", "same_motion", "baseline"),
             **picked(self, expected_relative_error_percent="expected_percent", cutoff_hz="cutoff"),
-            "joints": [picked(joint, "joint", **keys) for joint in self.joints],
+            "joints": [
+                picked(
+                    joint,
+                    "joint",
+                    rms_nm="rms",
+                    relative_error_percent="relative_percent",
+                    baseline_rms_nm="baseline_rms",
+                )
+                for joint in self.joints
+            ],
             "judgement": self.judgement.facts(),
             "passed": not self.broken,
         }
@@ -243,11 +249,9 @@ def validate(
     if log.sha256 and log.sha256 in result.log_sha256 and not options.allow_training_data:
         raise SameRecording(f"{where} was used to identify {result.path}", where=where)
     base = result.base
-    options = replace(
-        options,
-        cutoff=result.cutoff if options.cutoff is None else options.cutoff,
-        delay=result.delay if options.delay is None else options.delay,
-    )
+    cutoff = result.cutoff if options.cutoff is None else options.cutoff
+    delay = result.delay if options.delay is None else options.delay
+    options = replace(options, cutoff=cutoff, delay=delay)
     checked = checked_log(log, base.robot, options, identify=False)
     check_weight(checked, base.robot)
     (replayed,) = scaled(condition_logs([checked], base.model, options), base, result.theta)
@@ -256,9 +260,11 @@ def validate(
     rows = rows_of(replayed, observer)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, result.theta, error, observer)
+    if not motion.usable.any():
+        raise LogTooShort(f"{where} has no sample in motion: there is nothing to predict")
     columns = error.columns(rows.W, shapes_in(replayed, observer, error.speed)) if error else None
     simpler, baseline = rows.torque(np.nan_to_num(result.prior)), "the prior of the robot file"
-    if base.robot.prior is None:
+    if base.robot.prior is None or base.robot.torque.relative:
         measured, baseline = motion.tau_measured, "a constant torque"
         simpler = np.broadcast_to(measured.mean(axis=0), measured.shape)
     joints, total = prediction.check(motion, simpler, base.robot.joint_names)
