@@ -60,8 +60,8 @@ class ComparedRun(Judged):
             return ""
         worst, more = self.changed[0], len(self.changed) - 1
         rest = f" and {more} more" if more else ""
-        change = f"{worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %)"
-        return f"{worst.name} {change}{rest}"
+        went = f"{worst.name} {worst.before:.4g} -> {worst.after:.4g}"
+        return f"{went} ({worst.percent:+.2f} %){rest}"
 
     @property
     def evidence(self) -> Evidence:
@@ -81,17 +81,18 @@ class ComparedRun(Judged):
 
     def table(self) -> Table:
         """Return the numbers that changed."""
-        rows = [
-            {
-                "number": each.name,
-                "before": f"{each.before:.5g}",
-                "after": f"{each.after:.5g}",
-                "change": f"{each.percent:+.2f} %",
-                "p": "-" if each.p_value is None else f"{each.p_value:.1g}",
-            }
-            for each in self.changed
-        ]
-        return Table(rows)
+        return Table(
+            [
+                {
+                    "number": each.name,
+                    "before": f"{each.before:.5g}",
+                    "after": f"{each.after:.5g}",
+                    "change": f"{each.percent:+.2f} %",
+                    "p": "-" if each.p_value is None else f"{each.p_value:.1g}",
+                }
+                for each in self.changed
+            ]
+        )
 
     def facts(self) -> Facts:
         """Return the comparison as the JSON answer has it."""
@@ -108,19 +109,21 @@ class ComparedRun(Judged):
     def described(self) -> Facts:
         """Return the run itself as the JSON answer has it."""
         facts = self.result.facts()
-        same = (
-            "robot",
-            "method",
-            "rank",
-            "condition_number_scaled",
-            "relative_error_percent",
-            "heldout_relative_error_percent",
-            "joints",
-        )
         return {
             "run": self.name,
             "path": self.result.path,
-            **{key: facts[key] for key in same},
+            **{
+                key: facts[key]
+                for key in (
+                    "robot",
+                    "method",
+                    "rank",
+                    "condition_number_scaled",
+                    "relative_error_percent",
+                    "heldout_relative_error_percent",
+                    "joints",
+                )
+            },
             "parameters": {
                 row["name"]: {"value": row["value"], "std_error": row["std_error"]}
                 for row in facts["parameters"]

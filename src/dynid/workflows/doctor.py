@@ -57,7 +57,7 @@ def doctor() -> Answer:
     checks = (*_packages(), *_ros(), *_surroundings())
     works = [check.name for check in checks if check.ok]
     missing = [check for check in checks if check.ok is False]
-    usable = not any(check.name in REQUIRED for check in missing)
+    broken = any(check.name in REQUIRED for check in missing)
     return Answer(
         {
             "checks": checks,
@@ -70,7 +70,7 @@ def doctor() -> Answer:
             ("works", ", ".join(works)),
             *(("does not", f"{check.name}; lost: {check.lost}") for check in missing),
         ),
-        status=ExitStatus.DONE if usable else ExitStatus.MACHINE,
+        status=ExitStatus.MACHINE if broken else ExitStatus.DONE,
     )
 
 
@@ -136,5 +136,5 @@ def _surroundings() -> Iterator[Check]:
 def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:
     nearest = next(p for p in (path, *path.parents) if p.exists())
     writable = os.access(nearest, os.W_OK)
-    words = (str(path), note, "" if writable else "cannot be written")
-    return Check(name, writable, "  ".join(filter(None, words)), lost)
+    value = "  ".join(filter(None, (str(path), note, "cannot be written" * (not writable))))
+    return Check(name, writable, value, lost)

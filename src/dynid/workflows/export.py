@@ -32,6 +32,7 @@ from dynid.progress import Progress, notice, stage
 from dynid.table import Table
 from dynid.version import __version__
 from dynid.workflows.options import ExportOptions
+from dynid.workflows.parameters import torque_unit
 
 
 @dataclass(frozen=True)
@@ -68,17 +69,22 @@ class ExportedFile:
         if self.agrees:
             return ()
         differ = (f"{each.engine} differs by {each.largest:.3g}" for each in self.agreements)
-        return (
-            Finding("W408", "warning", f"{self.path}: {self.refused or ', '.join(differ)}", {}),
-        )
+        return (Finding("W408", "warning", f"{self.path}: {self.refused or ', '.join(differ)}"),)
 
     def facts(self) -> Facts:
         """Return the file as the JSON answer has it."""
-        keys = {"largest_difference_nm": "largest", "torque_rms_nm": "torque_rms"}
         return {
             **picked(self, "format", "path"),
             "checks": [
-                picked(each, "engine", "what", "states", "agrees", **keys)
+                picked(
+                    each,
+                    "engine",
+                    "what",
+                    "states",
+                    "agrees",
+                    largest_difference_nm="largest",
+                    torque_rms_nm="torque_rms",
+                )
                 for each in self.agreements
             ],
             "refused": self.refused or None,
@@ -120,15 +126,15 @@ class ExportedModel(Answered):
         return "The files have the torques of the model."
 
     def table(self) -> Table:
-        """Return one row per comparison: format, engine, what was compared, largest difference [N m]."""
-        rows = []
+        """Return one row per comparison: format, engine, what was compared, largest difference."""
+        rows, unit = [], torque_unit(self.arm.robot)
         for file in self.files:
-            for each in file.agreements:
-                shown = f"{each.largest:.1e} of {each.torque_rms:.3g} N m"
-                rows.append((file.format, each.engine, each.what, shown))
-            if not file.agreements:
-                words = "refused" if file.refused else "no program here to load it"
-                rows.append((file.format, "-", words, "-"))
+            words = "refused" if file.refused else "no program here to load it"
+            compared = [
+                (each.engine, each.what, f"{each.largest:.1e} of {each.torque_rms:.3g} {unit}")
+                for each in file.agreements
+            ]
+            rows += [(file.format, *row) for row in compared or [("-", words, "-")]]
         heads = ("format", "loaded in", "compared", "largest difference")
         return Table([dict(zip(heads, row, strict=True)) for row in rows])
 
@@ -207,8 +213,8 @@ def export(
     for name in chosen:
         if name not in FORMATS:
             raise no_such("formats: no format", name, FORMATS)
-    of_suffix = (form.name for form in FORMATS.values() if form.suffix == path.suffix.lower())
-    names = chosen or tuple(of_suffix)
+    suffix = path.suffix.lower()
+    names = chosen or tuple(form.name for form in FORMATS.values() if form.suffix == suffix)
     if not names:
         fix = f"a file with one of {', '.join(form.suffix for form in FORMATS.values())}"
         raise WrongUsage(f"no format has the suffix '{path.suffix}' of {path}", fix=fix)

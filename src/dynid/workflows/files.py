@@ -119,7 +119,6 @@ def checks_answer(
         sentence = f"{names}: {missing[0]}."
     elif any(each.kind == "log" and each.robot is None for each in checks):
         sentence = f"{names} can be read; checking the numbers needs a robot file."
-    pairs = zip(checks, wrote, strict=True)
     facts = {
         "checked": [
             {
@@ -128,7 +127,7 @@ def checks_answer(
                 "findings": each.findings,
                 "wrote": files,
             }
-            for each, files in pairs
+            for each, files in zip(checks, wrote, strict=True)
         ],
         "findings": findings,
         "warnings": warnings,
@@ -156,8 +155,8 @@ def _steps(checks: Sequence[Checked]) -> list[Step]:
     if logs:
         why = f"Identify the arm from {'it' if len(logs) == 1 else 'them'}."
         return [Step(why, f"dynid identify {robot.word} {shell(*logs)}")]
-    why = "Find out which parameters of the arm are identifiable."
-    return [Step(why, f"dynid model {robot.word}")]
+    command = f"dynid model {robot.word}"
+    return [Step("Find out which parameters of the arm are identifiable.", command)]
 
 
 def _kind_of(path: str) -> str:
@@ -239,13 +238,13 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
     rate = f"{numbers['rate_hz']:.1f} Hz +-{100 * numbers['jitter_share']:.1f} %"
     least = robot.joint_names.index(numbers["least_moving"])
     unit = joint_unit("rad/s", revolute=robot.joints[least].revolute)
-    slowest = f"({numbers['rms_velocity_rad_s'][least]:.2f} {unit} rms)"
+    slowest = f"{numbers['rms_velocity_rad_s'][least]:.2f} {unit} rms"
     lines = (
         ("log", f"{len(log)} samples, {log.duration:.1f} s, {rate}, {gaps}"),
         *([("topic", raw.topic)] if raw.topic else []),
         ("columns", matched),
         ("units", _units(numbers, robot)),
-        ("motion", f"{numbers['least_moving']} moves least {slowest}"),
+        ("motion", f"{numbers['least_moving']} moves least ({slowest})"),
     )
     return Checked(path, "log", lines, facts, log.findings, robot, raw, log)
 
@@ -380,24 +379,33 @@ def import_urdf(path: Path, options: ImportOptions) -> tuple[str, Answer]:
     # Position [m] and roll, pitch, yaw [rad] of the tip in the last DH frame, rounding noise taken off.
     rows = (pose[:3, 3], roll_pitch_yaw(pose[:3, :3]))
     xyz, rpy = ([round(float(value), 12) + 0.0 for value in row] for row in rows)
-    known = picked(made, "base", "tip", "largest")
-    head = HEAD.format(urdf=path.name, xyz=xyz, rpy=rpy, **known)
-    lengths = {"a_m": "a", "twist_rad": "twist", "d_m": "d", "theta_offset_rad": "theta_offset"}
+    head = HEAD.format(urdf=path.name, xyz=xyz, rpy=rpy, **picked(made, "base", "tip", "largest"))
     bodies = robot.prior.links if robot.prior else ()
     facts = {
         **picked(robot, "convention", robot="name", n_joints="n"),
         **picked(made, "base", "tip", kinematics_largest_difference="largest"),
-        "joints": [picked(joint, "type", joint="name", **lengths) for joint in robot.joints],
+        "joints": [
+            picked(
+                joint,
+                "type",
+                joint="name",
+                a_m="a",
+                twist_rad="twist",
+                d_m="d",
+                theta_offset_rad="theta_offset",
+            )
+            for joint in robot.joints
+        ],
         "tip_in_last_frame": {"xyz_m": xyz, "rpy_rad": rpy},
         "mass_kg": sum(body.mass for body in bodies) if robot.prior else None,
         "findings": made.findings,
     }
-    chain = f"{robot.n} joints from {made.base} to {made.tip}, {robot.convention} DH"
+    chain = f"{robot.name}, {robot.n} joints from {made.base} to {made.tip}"
     answer = Answer(
         facts,
         parts=(
             *made.findings,
-            ("robot", f"{robot.name}, {chain}"),
+            ("robot", f"{chain}, {robot.convention} DH"),
             ("check", f"forward kinematics agree with the URDF to {made.largest:.1e} m and rad"),
             ("torque", UNKNOWN_EFFORT),
         ),

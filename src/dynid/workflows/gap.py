@@ -112,19 +112,16 @@ class Gap(Judged, GapRecord):
 
     def table(self) -> Table:
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
-        columns = {
-            "rms before": "rms_before",
-            "rms after": "rms_after",
-            "unit": "unit",
-            "p-value": "p_value",
-            "result": "message",
-        }
         return Table(
             [
                 {
                     **picked(one, "effect", "where"),
                     "size": ", ".join(one.texts()),
-                    **picked(one, **columns),
+                    "rms before": one.rms_before,
+                    "rms after": one.rms_after,
+                    "unit": one.unit,
+                    "p-value": one.p_value,
+                    "result": one.message,
                 }
                 for one in (*self.named, *self.closest)
             ]
@@ -171,14 +168,6 @@ class Gap(Judged, GapRecord):
     def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid gap`` says."""
         names = self.joint_names
-        errors = {
-            "heldout_before_nm": "before",
-            "heldout_after_nm": "after",
-            "noise_floor_nm": "floor",
-            "ratio_interval": "ratio",
-            "simulation_before": "simulated_before",
-            "simulation_after": "simulated_after",
-        }
         return {
             **picked(self, "robot", "mode", "question", "asked", "verdict", "advice"),
             **picked(self, kept_relative_error_percent="kept"),
@@ -193,7 +182,15 @@ class Gap(Judged, GapRecord):
             "formulas": [],
             "gap": {
                 "joints": list(names),
-                **picked(self.improvement, **errors),
+                **picked(
+                    self.improvement,
+                    heldout_before_nm="before",
+                    heldout_after_nm="after",
+                    noise_floor_nm="floor",
+                    ratio_interval="ratio",
+                    simulation_before="simulated_before",
+                    simulation_after="simulated_after",
+                ),
                 **picked(self, "heldout", "noise_from"),
             },
             "cannot_judge": {
@@ -293,17 +290,16 @@ class Gap(Judged, GapRecord):
         before, analysis, late = self.searched, self.analysis, self.signals.delay or 0.0
         assert before is not None
         assert analysis is not None
-        problem, own = analysis.search.first, replace(self.signals, delay=before.delay)
+        problem, cutoff = analysis.search.first, before.cutoff or self.signals.cutoff
+        own = replace(self.signals, delay=before.delay, cutoff=cutoff)
         if not any(spec.effect == "torque_delay" for spec in specs):
             late = before.delay
-        own = replace(own, cutoff=before.cutoff or own.cutoff)
         unseen = {id(log) for log in self.unseen_logs}
         fitted = [log for log in self.recordings if id(log) not in unseen]
         model = problem.base.model
         logs = on_one_clock(condition_logs(fitted, model, replace(own, delay=late)))
         earlier = condition_logs(self.before, model, own) if self.before else []
         base, stack = stacked_with(logs, problem.base, specs, problem.theta, earlier)
-        seen = Observations(stack)
         physical = before.in_force == "physical"
         options = IdentifyOptions(
             method=before.method if before.why == "as asked" else "auto",
@@ -312,7 +308,7 @@ class Gap(Judged, GapRecord):
             residual_model=before.model_error is not None if physical else None,
             drop_weak=True,
         )
-        return identify(base.robot, seen, options, like=before)
+        return identify(base.robot, Observations(stack), options, like=before)
 
 
 def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
@@ -638,8 +634,8 @@ class _Search:
         self, logs: Sequence[Log], result: Identification, cutoff: float | None = None
     ) -> list[Validation]:
         """Return replays of logs by a result, read as they were for the search."""
-        read = picked(self.options, "exclude", "velocity")
-        return [validate(result, log, cutoff=cutoff, **read) for log in logs]
+        read = picked(self.options, "exclude", "velocity") | {"cutoff": cutoff}
+        return [validate(result, log, **read) for log in logs]
 
 
 # ---------------------------------------------------------------- counterbalances, which heavier links imitate

@@ -189,6 +189,9 @@ def identify(
     except DynidError:
         _diagnosed(seen, robot, options)
         raise
+    if robot.torque.relative:
+        # Why: it is in kg, and the values are in amperes.
+        result = replace(result, prior=result.prior * np.nan)
     if _poor(result, base):
         result = replace(result, findings=(*_diagnosed(seen, robot, options), *result.findings))
     return _reported(replace(result, header=header))
@@ -410,9 +413,9 @@ def _answer(
         facts["findings"] = [*facts["findings"], *map(asdict, payload.findings())]
         names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
         units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
-        columns = names, payload.body.numbers, *payload.intervals.T, units
         heads = ("load", "value", "2.5 %", "97.5 %", "unit")
-        rows = [dict(zip(heads, row, strict=True)) for row in zip(*columns, strict=True)]
+        numbers = zip(names, payload.body.numbers, *payload.intervals.T, units, strict=True)
+        rows = [dict(zip(heads, row, strict=True)) for row in numbers]
         title = "load on the last link, in its frame (inertia about the centre of mass)"
         load = [*payload.findings(), "", title, Table(rows)]
     answer = result.answer(in_amperes(facts, robot))
@@ -431,8 +434,9 @@ def _inputs(
     Raises:
         WrongUsage: the stored observations were read with other options.
     """
-    apart = ("prior", "payload_from")
-    texts = {key: value for key, value in options.texts().items() if key not in apart}
+    texts = options.texts()
+    for key in ("prior", "payload_from"):
+        texts.pop(key, None)
     files = {
         "loaded": options.loaded,
         "prior_file": options.prior,
@@ -459,6 +463,6 @@ def _inputs(
 def _write_payload(folder: Path, payload: IdentifiedPayload) -> Path:
     """Write what `tool:` of a robot file holds."""
     body = {"mass": payload.body.mass, "com": list(payload.body.com)}
-    inertia = payload.facts()["inertia_com_kg_m2"]
-    write_text(folder / "payload.yaml", yaml_text({"tool": {**body, "inertia_com": inertia}}))
+    body["inertia_com"] = payload.facts()["inertia_com_kg_m2"]
+    write_text(folder / "payload.yaml", yaml_text({"tool": body}))
     return folder / "payload.yaml"

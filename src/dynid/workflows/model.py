@@ -162,9 +162,12 @@ def reduce_model(
             model, samples=options.samples, seed=seed, tolerance=options.tolerance
         )
         save_reduction(path, model, reduction)
-    seconds = {**derived.seconds, "reduce": time.perf_counter() - start}
-    wrote = (*derived.wrote, *(path,) * (not stored))
-    return replace(derived, seconds=seconds, wrote=wrote, reduction=reduction)
+    return replace(
+        derived,
+        seconds={**derived.seconds, "reduce": time.perf_counter() - start},
+        wrote=(*derived.wrote, *(path,) * (not stored)),
+        reduction=reduction,
+    )
 
 
 @public
@@ -217,8 +220,11 @@ def relations(model: Model, form: str, *, at_rest: bool) -> tuple[Facts, str]:
     from dynid.model import relations as made_of  # SymPy
 
     groups = made_of.relations_of(model, still=at_rest)
-    facts = {"schema": "dynid/model/1", "robot": model.robot.name}
-    facts |= made_of.relations_json(model, groups)
+    facts = {
+        "schema": "dynid/model/1",
+        "robot": model.robot.name,
+        **made_of.relations_json(model, groups),
+    }
     if form == "text":
         return facts, made_of.relations_text(groups)
     return facts, json.dumps(facts, indent=2)

@@ -101,16 +101,18 @@ class Observations(Answered):
         """Return what the JSON answer of ``dynid parameters`` says."""
         R, header = merge(self.stack.factors), self.header()
         solution = solve(R)
-        same = (
-            "robot",
-            "cutoff_hz",
-            "kept_rate_hz",
-            "delay_s",
-            "delay_std_error_s",
-            "delay_applied_s",
-        )
         return {
-            **{key: header[key] for key in same},
+            **{
+                key: header[key]
+                for key in (
+                    "robot",
+                    "cutoff_hz",
+                    "kept_rate_hz",
+                    "delay_s",
+                    "delay_std_error_s",
+                    "delay_applied_s",
+                )
+            },
             "samples": self.stack.samples,
             "rate_hz": self.stack.logs[0].filter.rate,
             **picked(solution, "rank", "condition_number_scaled"),
@@ -126,8 +128,8 @@ class Observations(Answered):
         condition = (
             f"condition number {facts['condition_number_scaled']:.3g} with normalised columns"
         )
-        notes = (("excites", f"{ranks}, {condition}"),)
-        return Answer(facts, parts=weakly_excited(self.stack), notes=notes)
+        note = "excites", f"{ranks}, {condition}"
+        return Answer(facts, parts=weakly_excited(self.stack), notes=(note,))
 
     def save(self, folder: Path, facts: Facts | None = None) -> list[Path]:
         """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz.
@@ -314,12 +316,18 @@ def write_robot(folder: Path, robot: Robot, gains: Gains) -> tuple[Path, Robot]:
 
 
 def gain_facts(robot: Robot, gains: Gains) -> Facts:
-    """Return the gains for JSON."""
+    """Return the gains for JSON; where only their ratios are known, these, with a mean of 1."""
     pairs = zip(robot.joint_names, gains.gain.tolist(), gains.std_error.tolist(), strict=True)
-    rows = [
-        {"joint": joint, "gain_nm_per_a": gain, "std_error": error} for joint, gain, error in pairs
-    ]
+    key = "relative_gain" if gains.relative else "gain_nm_per_a"
+    rows = [{"joint": joint, key: gain, "std_error": error} for joint, gain, error in pairs]
     return {"gains": rows, "gains_relative": gains.relative}
+
+
+def torque_unit(robot: Robot) -> str:
+    """Return the unit of torques; both where joints turn and slide."""
+    if robot.torque.relative:
+        return "A"
+    return " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
 
 
 def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401

@@ -124,8 +124,7 @@ def simulate(
     sign = np.tanh(motion.qd / np.array(robot.coulomb_shape.velocity))
     tau = tau + viscous * motion.qd + coulomb * sign
     if specs := (*robot.effects, *options.effects):
-        rigid = replace(robot, effects=())
-        model = build_model(rigid)
+        model = build_model(replace(robot, effects=()))
         reference = ModelTorques(model, prior_vector(model))
         tau = tau + _effect_torque(robot, motion, specs, reference)
         if not np.isfinite(tau).all():
@@ -207,7 +206,8 @@ def compare_in_simulator(
     first, last = given[0], given[-1]
     robot, options = first.robot, LogOptions(cutoff=first.cutoff or None, delay=first.delay)
     recording = as_log(log, robot, options)
-    names = ("before", "after") if len(given) == 2 else [str(k + 1) for k in range(len(given))]
+    names = tuple(str(k) for k, _ in enumerate(given, start=1))
+    names = ("before", "after") if len(given) == 2 else names
     if any(each.robot.joint_names != robot.joint_names for each in given):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
     with heard_by():
@@ -218,7 +218,7 @@ def compare_in_simulator(
     begin = -np.inf if seconds is None else longest.t[-1] - seconds
     start = int(np.searchsorted(longest.t[:-2], begin))
     t, q, qd, tau = (x[start:] for x in (longest.t, longest.q, longest.qd, longest.tau))
-    some = q[:: max(1, len(q) // 100)]
+    t, some = t - t[0], q[:: max(1, len(q) // 100)]
     matrices = mass_matrices(lambda *state: last.base.observer.torque(last.theta, *state), some)
     # What each joint moves, on average along the motion, (n,) [kg m^2 or kg].
     inertia = np.abs(np.diagonal(matrices, axis1=1, axis2=2)).mean(axis=0)
@@ -226,18 +226,10 @@ def compare_in_simulator(
     for name, each in zip(names, given, strict=True):
         arm = identified_arm(each, ("mjcf",))
         stage("simulate", f"{name}, {len(t)} samples")
-        runs.append(drive(arm, (t - t[0], q, qd, tau), inertia))
+        runs.append(drive(arm, (t, q, qd, tau), inertia))
     simulated, added = (np.array(each) for each in zip(*runs, strict=True))
-    return SimulatorGap(
-        robot=robot,
-        log=str(recording.source or recording.name),
-        engine="mujoco",
-        models=tuple(names),
-        t=t - t[0],
-        q=q,
-        simulated=simulated,
-        added=added,
-    )
+    source = str(recording.source or recording.name)
+    return SimulatorGap(robot, source, "mujoco", names, t, q, simulated, added)
 
 
 def save_figure(gap: SimulatorGap, path: Path) -> Path:
@@ -259,16 +251,15 @@ def simulate_driver(robot: Robot, options: SimDriverOptions) -> Answer:
         loop = DriverLoop(arm, follower, _sensors(plant, options), options, rng)
         driver = simulated_driver(node, loop, topic)
         stage("stop", "Ctrl-C" if options.duration is None else f"after {options.duration:g} s")
-        how = f"{options.rate:g} Hz, master {node.uri}, seed {options.seed}"
-        stage("driver", f"{topic} at {how}")
+        where = f"master {node.uri}, seed {options.seed}"
+        stage("driver", f"{topic} at {options.rate:g} Hz, {where}")
         end = time.monotonic() + (options.duration or float("inf"))
         with suppress(KeyboardInterrupt):
             loop.run(driver.publish, lambda: time.monotonic() < end)
     finally:
         node.close()
-    facts = {"robot": robot.name, **loop.facts()}
     said = f"{loop.published} joint states, {loop.dropped} dropped"
-    return Answer(facts, parts=[("published", said)])
+    return Answer({"robot": robot.name, **loop.facts()}, parts=[("published", said)])
 
 
 def is_kinova(robot: Robot) -> bool:

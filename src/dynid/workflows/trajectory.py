@@ -75,6 +75,7 @@ from dynid.trajectory.preview import Drawing, window
 from dynid.trajectory.scene import Box
 from dynid.trajectory.separation import GapQuestion, Rivalry, run_of, separate, separation
 from dynid.workflows.model import base_model
+from dynid.workflows.parameters import torque_unit
 
 #: PyBullet measures no distance beyond this [m].
 FAR = 0.3
@@ -185,20 +186,23 @@ class Plan(Answered, SafeMotion):
     def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid trajectory`` says."""
         figures, distances = self.prediction.figures, self.clearance.distances
-        errors = self.prediction.std_error
-        peak = {
-            "position_rad": "position",
-            "velocity_rad_s": "velocity",
-            "acceleration_rad_s2": "acceleration",
-            "torque_nm": "torque",
-            "limit_share": "share",
-        }
         return {
             "robot": self.robot.name,
             **picked(self.trajectory, "alpha", duration_s="duration"),
             **picked(figures, condition_number="condition", smallest_singular_value="smallest"),
             "condition_number_scaled": figures.condition_scaled,
-            "peak": [picked(each, "joint", **peak) for each in self.check.peaks],
+            "peak": [
+                picked(
+                    each,
+                    "joint",
+                    position_rad="position",
+                    velocity_rad_s="velocity",
+                    acceleration_rad_s2="acceleration",
+                    torque_nm="torque",
+                    limit_share="share",
+                )
+                for each in self.check.peaks
+            ],
             "tool_speed_m_s": self.check.tool_speed,
             "collisions": [],
             "closest_m": min((each.distance for each in distances), default=None),
@@ -208,7 +212,9 @@ class Plan(Answered, SafeMotion):
             ],
             "left_out_pairs": self.clearance.left_out,
             "assumed_limits": assumed_limits(self.robot),
-            "predicted_std_error": dict(zip(self.context.base.names, errors.tolist(), strict=True)),
+            "predicted_std_error": dict(
+                zip(self.context.base.names, self.prediction.std_error.tolist(), strict=True)
+            ),
             "expected_torque_error_nm": self.prediction.torque_error,
             "ladder": [asdict(row) for row in self.alphas],
             "torque_noise_nm": self.context.noise,
@@ -276,38 +282,39 @@ class Plan(Answered, SafeMotion):
         slow = f"{run.duration:.1f} s at alpha {run.alpha:g} (speed x{run.alpha:g}, acceleration x{run.alpha**2:.2g})"
         most = max(peak.share for peak in self.check.peaks)
         used = f"all inside, at most {100 * most:.0f} % of them less their margin"
-        limits = f"{used}; tool up to {self.check.tool_speed:.2f} m/s"
-        lines = [("plan", f"{kind}; {slow}"), ("limits", limits)]
+        lines = [
+            ("plan", f"{kind}; {slow}"),
+            ("limits", f"{used}; tool up to {self.check.tool_speed:.2f} m/s"),
+        ]
         if self.search is not None:
-            text = "{finished_starts} starts finished (end: {ended}); seed {seed}"
-            lines.append(("search", text.format(**self.search)))
+            text = "{finished_starts} starts finished (end: {ended}); seed {seed}".format(
+                **self.search
+            )
+            lines.append(("search", text))
         for near in self.clearance.distances[:1]:
             size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
-            nearest = f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
-            lines.append(("collision", nearest))
+            lines.append(
+                ("collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s")
+            )
         if self.clearance.left_out and self.urdf is None:
             pairs = f"{', '.join(self.clearance.left_out)}; {thickness(self.robot)}"
-            lines.append(("left out", f"always close to each other, so not checked: {pairs}"))
-        condition = (
-            f"{figures.condition:.3g} (columns of equal length: {figures.condition_scaled:.3g})"
-        )
-        noise = f"{self.noise_rms:.2g} {torque_unit(self.robot)} rms per sample, {self.noise_from}"
+            lines += [("left out", f"always close to each other, so not checked: {pairs}")]
+        scaled = f"columns of equal length: {figures.condition_scaled:.3g}"
+        noise = f"{self.noise_rms:.2g} {torque_unit(self.robot)} rms per sample"
         lines += [
-            ("excitation", f"condition number {condition}; weakest: {self.weakest}"),
+            (
+                "excitation",
+                f"condition number {figures.condition:.3g} ({scaled}); weakest: {self.weakest}",
+            ),
             *(("gap", text) for text in self.outlook),
-            ("noise", noise),
+            ("noise", f"{noise}, {self.noise_from}"),
         ]
         if run.alpha < 1:
             # So that nobody identifies from a first, slow run by mistake.
             times = self.prediction.torque_error / full.torque_error
-            text = f"at full speed {full.duration:.0f} s, and an expected torque error {times:.3g} times smaller"
-            lines.append(("alpha", text))
+            slower = f"at full speed {full.duration:.0f} s, and an expected torque error"
+            lines.append(("alpha", f"{slower} {times:.3g} times smaller"))
         return [*lines, *(("preview", str(picture)) for picture in self.clearance.pictures)]
-
-
-def torque_unit(robot: Robot) -> str:
-    """Return the unit of torques; both where joints turn and slide."""
-    return " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
 
 
 def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
@@ -580,8 +587,8 @@ def stored_answer(robot: Robot, path: Path) -> Answer:
 def next_step(robot: Robot, path: Path, *, reviewed: bool) -> Step:
     """Return what to do with a motion: record it, or look at it before."""
     if reviewed:
-        why = "Record it. This moves the arm and asks first."
-        return Step(why, f"dynid record {robot.word} {shell(path)}")
+        command = f"dynid record {robot.word} {shell(path)}"
+        return Step("Record it. This moves the arm and asks first.", command)
     why = "Look at it and accept it: an arm plays no motion that nobody has seen."
     return Step(why, f"dynid trajectory {robot.word} {shell('--review', path)}")
 
@@ -596,9 +603,12 @@ def plan_inputs(
         options: what is wanted.
         files: further files by what they are; None for one that is not given.
     """
-    file = hashlib.sha256(robot_text(robot).encode()).hexdigest()
-    hashes = {name: sha256(path) for name, path in files.items() if path is not None}
-    return {"robot": robot.model_key, "robot file": file, **hashes, **options.texts()}
+    return {
+        "robot": robot.model_key,
+        "robot file": hashlib.sha256(robot_text(robot).encode()).hexdigest(),
+        **{name: sha256(path) for name, path in files.items() if path is not None},
+        **options.texts(),
+    }
 
 
 #: Lead in evidence from which one explanation is better beyond doubt, and how many times as much a plan should promise.
