@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from dynid.exporters import FORMATS
 from dynid.exporters.effects_file import EFFECTS
 from dynid.exporters.full_model import model_of
+from dynid.exporters.urdf import own_gravity
 from dynid.robot import Body
 
 CASES = {name: lambda name=name: shipped(name) for name in SHIPPED}
@@ -46,13 +47,15 @@ def test_mujoco_gets_rotors_and_friction_and_the_urdf_friction(tmp_path):
 
 
 def test_what_a_format_cannot_hold_is_said():
-    """Offsets fit nowhere, rotors only in MJCF."""
+    """Offsets fit nowhere, rotors only in MJCF, a gravity that is not that of simulators not in a URDF."""
     source = shipped("kuka_lwr4plus")
     said = {name: " ".join(exporter.leaves_out(source)) for name, exporter in FORMATS.items()}
     assert all("offsets" in said[name] for name in ("urdf", "mjcf"))
     assert "rotor" in said["urdf"]
     assert "rotor" not in said["mjcf"]
     assert not said["c"]
+    assert "gravity" not in said["urdf"]
+    assert "0, -9.8, 0" in own_gravity(replace(source.robot, gravity=(0.0, -9.8, 0.0)))
 
 
 @pytest.mark.parametrize("format", ["urdf", "mjcf"])

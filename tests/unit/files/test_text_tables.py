@@ -86,17 +86,6 @@ def test_a_joint_without_torque_has_none_and_sensors_come_before_currents(tmp_pa
     assert log.units == {"position": "deg", "effort": "mNm"}
 
 
-@pytest.mark.parametrize("first", [0, 1])
-def test_columns_are_found_by_number_from_0_or_1(tmp_path, first):
-    patterns = {"time": "timestamp", "position": "actual_q_{i}", "effort": "i_{name}"}
-    head = f"timestamp,actual_q_{first},actual_q_{first + 1},i_a,i_b"
-    path = written(tmp_path, f"{head}\n0,1,2,3,4\n0.1,5,6,7,8\n")
-    log = read_table(path, ("a", "b"), patterns)
-    assert_array_equal(log.q, [[1, 2], [5, 6]])
-    assert_array_equal(log.tau, [[3, 4], [7, 8]])
-    assert log.names == ("a", "b")
-
-
 def test_an_unknown_header_is_answered_with_the_columns_to_paste(tmp_path):
     head = "timestamp;actual_q_0;actual_q_1;actual_current_0;actual_current_1"
     with pytest.raises(LogLayout) as caught:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid import LogOptions
-from dynid.errors import NotFinite, WrongUsage
+from dynid.errors import LogTooShort, NotFinite
 from dynid.loading import checked_log
 from dynid.workflows.files import check
 from twolink import log
@@ -35,7 +35,9 @@ def test_intervals_are_excluded_alike_however_they_are_written(arm, exclude):
     assert not np.any((clean.t > 1.01) & (clean.t < 1.99) | (clean.t > 3.01) & (clean.t < 3.99))
 
 
-@pytest.mark.parametrize("exclude", ["5-3", "now", "3.2", "1-nan"])
-def test_what_is_no_interval_is_refused(exclude):
-    with pytest.raises(WrongUsage, match=f"--exclude .*: {exclude} is not an interval of time"):
-        LogOptions(exclude=exclude)
+def test_what_was_noticed_in_a_log_is_said_before_it_is_refused(arm, monkeypatch):
+    said = []
+    monkeypatch.setattr("dynid.loading.notice", said.extend)
+    with pytest.raises(LogTooShort):
+        checked_log(replace(log(1), findings=("cut",)), arm, LogOptions(exclude="0.5-99"))
+    assert said == ["cut"]

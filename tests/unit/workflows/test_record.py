@@ -44,12 +44,6 @@ def test_quantities_are_read_with_and_without_their_units(given, speed, deviatio
     )
 
 
-@pytest.mark.parametrize("speed", ["-3", "0%", "fast", "inf"])
-def test_a_speed_that_is_not_a_positive_number_is_refused(speed):
-    with pytest.raises(WrongUsage, match=r"--speed .* is not a positive number"):
-        RecordOptions(speed=speed)
-
-
 def test_without_a_trajectory_nothing_is_asked_and_nothing_is_looked_for(arm, tmp_path):
     with pytest.raises(WrongUsage, match="no trajectory given"):
         record(arm, None, RecordOptions(), Nobody(), tmp_path)

@@ -5,11 +5,10 @@ import shutil
 import pytest
 
 from dynid import Robot, load_robot
-from dynid.errors import RobotNotFound, WrongUrdf, WrongUsage
+from dynid.errors import WrongUrdf, WrongUsage
 from dynid.files.robotfile import load_robot as read_robot
 from dynid.robot import Joint
 from dynid.sim.urdf import urdf_text
-from runner import rows
 
 FORKED = """<robot name="two_arms"><link name="world"/><link name="torso"/>
 <joint name="lift" type="prismatic"><parent link="world"/><child link="torso"/><axis xyz="0 0 1"/></joint>
@@ -26,24 +25,6 @@ def _branch(side):
         )
         parent = link
     return "".join(rows)
-
-
-@pytest.mark.parametrize(
-    ("word", "meant"),
-    rows("""
-        panda    | franka_panda
-        ur5      | ur5e
-        iiwa     | kuka_iiwa7
-        gen3     | kinova_gen3
-        tx40     | staubli_tx40
-        lwr      | kuka_lwr4plus
-        ur3      | ur3e
-        xArm     | xarm7
-    """),
-)
-def test_an_unknown_name_is_answered_with_the_arm_that_was_meant(word, meant):
-    with pytest.raises(RobotNotFound, match=f"did you mean.*'{meant}'"):
-        load_robot(word)
 
 
 def test_a_urdf_whose_arms_fork_names_its_tips_and_takes_one(tmp_path):

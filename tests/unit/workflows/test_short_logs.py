@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid import identify
+from dynid import identify, validate
 from dynid.errors import LogTooShort
 from dynid.signals.columns import take_samples
 
@@ -43,3 +43,9 @@ def test_together_they_are_enough_and_a_short_one_can_be_held_out(arm, pieces):
     assert found.heldout_relative_error_percent < 2.0
     viscous = {row["name"]: row["value"] for row in found.parameter_rows()}
     assert viscous["fv1"] == pytest.approx(twolink.VISCOUS[0], rel=0.1)
+
+
+def test_a_replay_at_rest_shows_nothing(result):
+    log = twolink.log(2)
+    with pytest.raises(LogTooShort, match="no sample in motion"):
+        validate(result, log.with_columns({"q": 0.0 * log.q, "tau": log.tau}))
