@@ -217,8 +217,11 @@ class RunComparison(Answered):
 
     def junit(self) -> str:
         """Return a JUnit XML report with one test per run that was compared."""
-        compared = [run for run in self.runs if run.reference]
-        cases = [JunitCase(run.name, run.result.robot.name, run.drift) for run in compared]
+        cases = [
+            JunitCase(run.name, run.result.robot.name, run.drift)
+            for run in self.runs
+            if run.reference
+        ]
         return junit("dynid compare", cases)
 
 
@@ -247,8 +250,10 @@ def compare(
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
     share = CompareOptions(tolerance).tolerance  # type: ignore[arg-type]  # it reads text
-    words = enumerate(several(results, "results"), start=1)
-    given = [(_name(each, f"run {k}"), as_result(each, "results")) for k, each in words]
+    given = [
+        (_name(each, f"run {k}"), as_result(each, "results"))
+        for k, each in enumerate(several(results, "results"), start=1)
+    ]
     reference, first = given[0]
     if baseline is not None:
         reference, first = _name(baseline, "baseline"), as_result(baseline, "baseline")
@@ -258,11 +263,15 @@ def compare(
         if result is first and baseline is None:
             runs.append(ComparedRun(name, result))
             continue
-        same = same_parameters(first, result)
+        same = (
+            same_parameters(first, result)
+            and first.robot.torque.relative == result.robot.torque.relative
+        )
         if baseline is not None and not same:
             both = f"{result.path} ({result.robot.name}), {first.path} ({first.robot.name})"
-            fix = "identify both with the same robot file"
-            raise WrongUsage(f"base parameters differ: {both}", fix=fix)
+            raise WrongUsage(
+                f"base parameters differ: {both}", fix="identify both with the same robot file"
+            )
         comparison = compared(first, result) if same else None
         runs.append(ComparedRun(name, result, reference, comparison, share, path))
     return RunComparison(tuple(runs), None if baseline is None else reference, share)

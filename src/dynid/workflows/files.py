@@ -341,12 +341,12 @@ def convert(
                 what = f"{path} has no topic that dynid can read as joint states; it has {', '.join(there)}"
                 raise WrongMessageType(what, fix="give --robot")
         log, findings = max(logs, key=len), contents.findings
-    facts = {
-        "samples": len(log),
-        **picked(log, duration_s="duration", joints="names"),
-    }
     size = f"{len(log)} samples, {log.duration:.1f} s, {log.n} joints"
-    return Answer(facts, parts=(*findings, ("log", size)), wrote=[write_log(log, target)])
+    return Answer(
+        {"samples": len(log), **picked(log, duration_s="duration", joints="names")},
+        parts=(*findings, ("log", size)),
+        wrote=[write_log(log, target)],
+    )
 
 
 UNKNOWN_EFFORT = "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file"
