@@ -94,9 +94,11 @@ def resolved(
 
     Raises:
         WrongUsage: a bound names a link that the arm does not have.
+        JointCountDiffers: the result is of another arm.
         LogNotFound: the file of the prior is not there.
     """
     if earlier is not None:
+        robot.require_joints(earlier.robot.joint_names, earlier.label)
         cutoff = earlier.cutoff if options.cutoff is None else options.cutoff
         delay = earlier.delay if options.delay is None else options.delay
         options = replace(options, cutoff=cutoff, delay=delay)
@@ -224,8 +226,10 @@ def _both_logs(header: Facts, earlier: Identification, options: IdentifyOptions)
             fix=f"one of {', '.join(UPDATABLE)}; or identify from all logs at once",
         )
     if set(header["log_sha256"]) & set(earlier.log_sha256):
-        what = f"{earlier.label} was made from this log already"
-        raise WrongUsage(what, fix="give a log that it does not hold yet")
+        raise WrongUsage(
+            f"{earlier.label} was made from this log already",
+            fix="give a log that it does not hold yet",
+        )
     return {key: [*earlier.header.get(key, []), *header[key]] for key in ("log_sha256", "logs")}
 
 

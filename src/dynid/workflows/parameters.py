@@ -237,8 +237,9 @@ def stored_key(path: Path, robot: Robot) -> Facts:
         NotAnArtifact: it is damaged.
     """
     if not path.is_file():
-        what = f"no log given, and there is no {path}"
-        raise LogNotFound(what, fix=f"dynid identify {robot.word} LOG")
+        raise LogNotFound(
+            f"no log given, and there is no {path}", fix=f"dynid identify {robot.word} LOG"
+        )
     header = read_header(path) or dict(read_artifact(path, SCHEMA).header)
     if header.get("key") != robot.model_key:
         what = f"{path} belongs to another version of the robot file"
