@@ -86,7 +86,7 @@ class Solution:
 
     Attributes:
         theta: parameters, (p,), each in its unit; the shortest in normalised columns where the rank is short.
-        inverse: inverse of W^T W, (p, p); of whitened rows the covariance, in products of the parameters' units.
+        root: A with A A^T the inverse of W^T W, (p, rank); its columns are the directions that the rows excite.
         residual: sum of squares that remains.
         rank: number of directions that the rows excite.
         condition_number_scaled: of W with columns of unit length.
@@ -94,11 +94,16 @@ class Solution:
     """
 
     theta: Floats
-    inverse: Floats
+    root: Floats
     residual: float
     rank: int
     condition_number_scaled: float
     weak: Floats
+
+    @cached_property
+    def inverse(self) -> Floats:
+        """Inverse of W^T W, (p, p); of whitened rows the covariance, in products of the parameters' units."""
+        return self.root @ self.root.T
 
 
 def solve(R: Floats) -> Solution:
@@ -117,11 +122,11 @@ def solve(R: Floats) -> Solution:
     U, sigma, Vt = np.linalg.svd(A / length)
     cutoff = tuning.RANK_TOLERANCE * sigma[0]
     rank = int(np.sum(sigma > cutoff))
-    V = Vt[:rank].T / sigma[:rank]
+    root = Vt[:rank].T / sigma[:rank] / length[:, None]
     projected = U.T @ b
     return Solution(
-        theta=(V @ projected[:rank]) / length,
-        inverse=(V @ V.T) / np.outer(length, length),
+        theta=root @ projected[:rank],
+        root=root,
         residual=float(R[-1, -1] ** 2 + projected[rank:] @ projected[rank:]),
         rank=rank,
         condition_number_scaled=float(sigma[0] / sigma[-1]) if rank == len(sigma) else math.inf,

@@ -221,26 +221,25 @@ def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> li
 def estimate_delay(stack: Stack) -> tuple[float, float]:
     """Return the delay that all joints share, positive when the torques are late, and its standard error [s].
 
-    The error allows for coloured residuals.
+    The error allows for coloured residuals, and for joints that disagree: friction that gives way before it slips, or
+    turns softer than its law, looks like a delay of its own on each.
 
     Args:
         stack: the stacked logs; a rank that is short does no harm.
     """
     fit, rows = stack.first_fit, stack.rows
-    whitened = fit.whitened[:-1, :-1]
-    length = np.linalg.norm(whitened, axis=0)
-    length[length == 0.0] = 1.0
-    _, sigma, Vt = np.linalg.svd(whitened / length)
     # Why a basis: directions that the log leaves open would have no covariance.
-    basis = Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]].T / length[:, None]
+    basis = fit.solution.root
     later = -slopes(rows, rows.torque(fit.theta))
     of_delay, of_arm, right = np.split(rows.factors(None, later[:, :, None]), [1, -1], axis=2)
     extended = weighted(np.concatenate([of_arm @ basis, of_delay, right], axis=2), rows.counts)
     *arm, delay = extended.theta
     left = replace(rows, tau=rows.tau - delay * later).residual(basis @ arm) / extended.noise**2
     scores = np.vstack([basis.T @ rows.scores(left).T, np.sum(later * left, axis=1)]).T
-    covariance = coloured(rows, scores, extended.covariance)
-    return float(delay), float(np.sqrt(widened(rows, extended, covariance)[-1, -1]))
+    variance = widened(rows, extended, coloured(rows, scores, extended.covariance))[-1, -1]
+    pull = np.einsum("mjp,mj->jp", rows.W, left) @ basis, np.sum(later * left, axis=0)
+    apart = np.column_stack(pull) @ extended.covariance[:, -1]
+    return float(delay), float(np.sqrt(variance + apart @ apart))
 
 
 def slopes(rows: Rows, tau: Floats) -> Floats:
