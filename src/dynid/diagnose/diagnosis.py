@@ -324,13 +324,15 @@ def _explained(
     diagnosis = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
     if diagnosis is None:
         return ()
-    unexplained, best = _unexplained(diagnosis, robot), diagnosis.best
-    if not diagnosis.wrong or diagnosis.as_written.unexplained < least_gain * best.unexplained:
+    unexplained = _unexplained(diagnosis, robot)
+    written, best = diagnosis.as_written, diagnosis.best
+    if not diagnosis.wrong or written.unexplained < least_gain * best.unexplained:
         return unexplained
-    before, after = (100 * each.unexplained for each in (diagnosis.as_written, best))
+    j = int(np.argmax(written.residual / best.residual))
     what = (
-        f"with this robot file, {before:.0f} % of the torques beyond friction is not explained; "
-        f"it would be {after:.0f} % with {in_words(best.edits, robot)}"
+        f"with this robot file, {written.residual[j]:.2g} {robot.joints[j].torque_unit} of the torque "
+        f"of {robot.joint_names[j]} is not explained; it would be {best.residual[j]:.2g} with "
+        f"{in_words(best.edits, robot)}"
     )
     if diagnosis.tied:
         tied = " or ".join(in_words(each.edits, robot) for each in diagnosis.tied)
