@@ -26,7 +26,7 @@ def test_it_is_likely_where_links_would_be_heavy_and_sure_where_they_would_be_ab
 def test_a_small_one_is_likely_with_its_size_and_the_link_that_it_depends_on(twolinks, on_joint):
     problem = twolinks.problem(lambda t, q, qd, qdd: on_joint(0, -12.0 * np.cos(q[:, 0])))
     (one,) = suspicions(problem, [])
-    assert not one.searched
+    assert not one.sure
     assert 0.5 < one.probability < 0.99, "a link of another mass may be there as well"
     (a, b), (da, db) = one.sizes
     assert abs(a) < 2 * da
