@@ -164,10 +164,11 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
     if problem.rows.compared:
         remainder = still_changed(problem, effects).joints
     verdict = verdict_of(search, remainder)
+    known = search.state.rows.known_power(search.state.evidence)
     return GapAnalysis(
         search=search,
         joints=tuple(localise_residual(replace(first, noise=problem.noise).regression())),
-        improvement=held_out_improvement(in_time, left_by([]), after, search.known_power),
+        improvement=held_out_improvement(in_time, left_by([]), after, known),
         verdict=verdict,
         closest=tuple(refused),
         remainder=remainder,

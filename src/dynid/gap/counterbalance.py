@@ -294,12 +294,11 @@ def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[in
     """Return the columns of the counterbalances that links imitate, by joint."""
     effect, imitated = CATALOGUE[COUNTERBALANCE], {}
     for joints in effect.candidate_joints(base.robot.n):
-        for shape in effect.grid(regression.rows.motion, joints):
-            columns = regression.columns_of(effect, joints, shape)
-            own = np.sum([C @ C.T for C in columns.values()], axis=0)
-            sides = np.sum([C @ regression.columns(j) for j, C in columns.items()], axis=0)
-            if visible(own, sides, regression.information) <= IMITATED:
-                imitated[joints[0]] = columns
+        columns = regression.columns_of(effect, joints, {})
+        own = np.sum([C @ C.T for C in columns.values()], axis=0)
+        sides = np.sum([C @ regression.columns(j) for j, C in columns.items()], axis=0)
+        if visible(own, sides, regression.information) <= IMITATED:
+            imitated[joints[0]] = columns
     return imitated
 
 

@@ -49,11 +49,6 @@ class EffectSearch:
     visibility: dict[Key, float]
     state: State
 
-    @property
-    def known_power(self) -> Floats:
-        """Expected square of what recorder, filter and reversals do, (M, n)."""
-        return self.state.rows.known_power(self.state.evidence)
-
     @cached_property
     def rest(self) -> Rest:
         """What is missing without a name."""

@@ -27,6 +27,7 @@ from dynid.gap.gap_rows import GapRows
 from dynid.gap.known_errors import SHARP, error_columns
 from dynid.gap.problem import GapProblem
 from dynid.gap.rest import rest_columns
+from dynid.model.effects.catalogue import joined_motion
 
 #: Products of columns with themselves and with [R, torque, T], band by band, (B, k, k) and (B, k, s).
 Products = tuple[Floats, Floats]
@@ -392,10 +393,6 @@ class EvidenceRows:
         """The rows in time."""
         return self.bands.rows
 
-    def with_rows(self, rows: GapRows) -> EvidenceRows:
-        """Return the same with effects that are made of other motion, or scale with another model."""
-        return replace(self, bands=replace(self.bands, rows=rows))
-
     def common_torque(self, evidence: Evidence) -> Floats:
         """Return the errors that all joints share as large as they are most likely, (n, M)."""
         size = evidence.estimate[evidence.base - len(self.common) : evidence.base]
@@ -426,12 +423,12 @@ def evidence_of(problem: GapProblem) -> tuple[Evidence, EvidenceRows]:
     bands = Bands(rows, problem.noise, *instants(rows, problem.repeats))
     common, own = error_columns(rows)
     size = p + len(common)
-    every, filtered, models = [], [], []
+    every, filtered, models, motion = [], [], [], joined_motion([*rows.motions])
     for j in range(n):
         counts, at = bands.counts(j), len(own[j])
         white, parts = [bands.transformed(j, own[j])], [own[j]]
         kinds = {SHAPE: slice(0, SHARP)} if white[0][:SHARP].any() else {}
-        for name, columns in rest_columns(rows, j).items():
+        for name, columns in rest_columns(rows, motion, j).items():
             made = bands.transformed(j, columns)
             scale = np.sqrt(max(float(np.sum(made**2)) / max(float(counts.sum()), 1.0), 1e-12))
             kinds[name] = slice(at, at + len(made))

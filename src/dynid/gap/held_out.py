@@ -87,7 +87,7 @@ def held_out_improvement(
     rows, use = problem.rows, _judged(problem)
     # Why longer: what a joint leaves of a comparison with earlier logs goes on for longer.
     shortest = LONGEST_BLOCK if problem.since else SHORTEST_BLOCK
-    length = min(LONGEST_BLOCK, max(shortest, float(use.any(axis=1).sum()) / rows.rate / BLOCKS))
+    length = np.clip(use.any(axis=1).sum() / rows.rate / BLOCKS, shortest, LONGEST_BLOCK)
     block = 1_000_000 * rows.part + rows.at // max(1, round(length * rows.rate))
     ratio = [_ratio(b, a, block, j) for j, (b, a) in enumerate(zip(before.T, after.T, strict=True))]
     # What no effect has to explain, but for noise.
@@ -161,8 +161,11 @@ def clue(search: EffectSearch, joint: int) -> str:
     e, use = regression.e[joint] * noise.count[joint] ** 0.5, noise.counting(regression.rows, joint)
     near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < len(names)]
     best, _, share = _followed(problem, near, use, e)
-    follows = f"it depends most on the {best.partition(' [')[0]} ({100 * share:.0f} % of its power)"
-    follows = follows if share > FOLLOWED else "it depends on no single signal"
+    follows = "it depends on no single signal"
+    if share > FOLLOWED:
+        follows = (
+            f"it depends most on the {best.partition(' [')[0]} ({100 * share:.0f} % of its power)"
+        )
     power = max(float(np.mean(e**2)), 1e-30)
     repeats = f"{100 * max(0.0, 1 - 1 / power):.0f} % of the rest repeats with the motion; "
     return f"{names[joint]}: {repeats if noise.repeats else ''}{follows}"

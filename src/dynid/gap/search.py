@@ -355,7 +355,8 @@ class Search:
             again = any(one.place.effect.needs_model for one in named)
             named = [replace(one, place=exact[one.place.at]) for one in named]
             self.places = [exact.get(place.at, place) for place in self.places]
-            rows = self.rows.with_rows(self.rows.rows.with_reference(base, theta[: base.rank]))
+            anew = self.rows.rows.with_reference(base, theta[: base.rank])
+            rows = replace(self.rows, bands=replace(self.rows.bands, rows=anew))
             if not again:
                 break
         return State(tuple(named), tuple(added), sized, rows, self._candidates(rows, added))

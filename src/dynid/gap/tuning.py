@@ -85,5 +85,5 @@ RANGES = {
     ("stribeck", "vs"): (0.018, 0.25),
     ("stribeck", "d"): (0.6, 2.5),
     ("presliding_hysteresis", "delta"): (0.002, 0.3),
-    ("nonlinear_viscous", "p"): (0.2, 3.2),
+    ("nonlinear_viscous", "p"): (0.3, 3.2),
 }

@@ -80,7 +80,8 @@ def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_othe
 
 def improvement(search, effects):
     before, after = (held_out(search.problem, some) for some in ([], effects))
-    return held_out_improvement(search.problem, before, after, search.known_power)
+    known = search.state.rows.known_power(search.state.evidence)
+    return held_out_improvement(search.problem, before, after, known)
 
 
 def test_the_held_out_gap_shrinks_to_the_noise_where_the_effect_was(offset):
