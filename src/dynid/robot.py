@@ -361,16 +361,13 @@ class Robot(Answered):
         """Gravity in the world frame, (3,) [m/s^2]."""
         return rotation_rpy(self.base_rpy) @ np.array(self.gravity)
 
-    def travel(
-        self, turning: tuple[float, float], sliding: tuple[float, float]
-    ) -> tuple[Floats, Floats]:
-        """Return the least and the greatest positions, (n,) each; given ones at joints without limits [rad or m]."""
+    def travel(self, turning: tuple[float, float], sliding: tuple[float, float]) -> Floats:
+        """Return the least and the greatest positions, (2, n); given ones at joints without limits [rad or m]."""
         free = np.where(self.turning[:, None], turning, sliding).tolist()
         ranges = [
             joint.limits.position or own for joint, own in zip(self.joints, free, strict=True)
         ]
-        lower, upper = np.array(ranges, dtype=float).T
-        return lower, upper
+        return np.array(ranges, dtype=float).T
 
     def limits(self, quantity: str, missing: ArrayLike = np.inf) -> Floats:
         """Return the limits of velocity, acceleration or torque, (n,); ``missing`` at joints without one."""
@@ -518,14 +515,14 @@ class Robot(Answered):
 
 def rotation_rpy(rpy: tuple[float, float, float]) -> Floats:
     """Return the rotation of fixed-axis roll, pitch, yaw as in a URDF, (3, 3)."""
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(x), math.sin(x)) for x in rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    R = np.eye(3)
+    for axis, angle in enumerate(rpy):
+        turn, j, k = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
+        turn[j, j] = turn[k, k] = math.cos(angle)
+        turn[k, j] = math.sin(angle)
+        turn[j, k] = -turn[k, j]
+        R = turn @ R
+    return R
 
 
 def roll_pitch_yaw(R: Floats) -> tuple[float, float, float]:

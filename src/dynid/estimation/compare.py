@@ -39,12 +39,6 @@ class Comparison:
         return tuple(sorted(moved, key=lambda each: -abs(each.percent)))
 
 
-def same_parameters(one: Identified, other: Identified) -> bool:
-    """Return whether two results have the same base parameters and joints, so that they can be compared."""
-    joints, others = ([joint.joint for joint in result.joints] for result in (one, other))
-    return one.names == other.names and joints == others
-
-
 def compare(baseline: Identified, other: Identified) -> Comparison:
     """Compare two results with the same base parameters.
 
@@ -104,6 +98,6 @@ def _figures(result: Identified) -> dict[str, float]:
         "heldout_relative_error_percent": result.heldout_relative_error_percent,
     }
     for joint in result.joints:
-        figures |= {f"{joint.joint} rms_nm": joint.rms}
-        figures |= {f"{joint.joint} torque_rms_nm": joint.torque_rms}
+        name = joint.joint
+        figures |= {f"{name} rms_nm": joint.rms, f"{name} torque_rms_nm": joint.torque_rms}
     return {name: float(value) for name, value in figures.items() if value is not None}

@@ -16,7 +16,6 @@ from dynid.errors import (
     PoorlyExcited,
     RankDeficient,
     WeakInstruments,
-    WrongUsage,
 )
 from dynid.estimation import tuning
 from dynid.estimation.estimators import choose, fitted
@@ -108,11 +107,7 @@ def updated(stack: Stack, earlier: Identification) -> Stack:
     Raises:
         WrongUsage: the earlier result has other base parameters.
     """
-    if earlier.names != stack.names or earlier.robot.joint_names != stack.joints:
-        raise WrongUsage(
-            f"{earlier.label} has different base parameters from this log's model",
-            fix="identify both with the same robot file",
-        )
+    earlier.require(stack.base)
     return replace(stack, earlier=earlier.fit)
 
 

@@ -153,6 +153,25 @@ class Identified:
         model = build_model(self.robot) if self.rigid is None else Model(self.robot, self.rigid)
         return BaseModel(model, self.reduction)
 
+    def describes(self, base: BaseModel) -> bool:
+        """Return whether joints, base parameters and the unit of torques of a model are those of this result."""
+        mine, theirs = (
+            (x.names, x.robot.joint_names, x.robot.torque.relative) for x in (self, base)
+        )
+        return mine == theirs
+
+    def require(self, base: BaseModel) -> None:
+        """Raise unless joints, base parameters and the unit of torques of a model are those of this result.
+
+        Raises:
+            WrongUsage: they are not.
+        """
+        if not self.describes(base):
+            raise WrongUsage(
+                f"{self.label} has other joints, base parameters or units of torque than this log's model",
+                fix="identify both with the same robot file",
+            )
+
     # ---------------------------------------------------------------- parameters
     @property
     def params(self) -> dict[str, float]:

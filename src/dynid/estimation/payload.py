@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.compare import same_parameters
 from dynid.estimation.factor import Factor, of_unit_diagonal, triangle
 from dynid.estimation.identified import body_facts
 from dynid.estimation.least_squares import solvable, symmetric_root
@@ -94,11 +93,7 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
     Raises:
         WrongUsage: the results are of different arms, or the last link is not identified.
     """
-    if not same_parameters(loaded, unloaded):
-        raise WrongUsage(
-            f"{unloaded.label} has different base parameters from this log's model",
-            fix="identify both with the same robot file",
-        )
+    unloaded.require(loaded.base)
     problem = LoadProblem.of(loaded, unloaded)
     body = fitted_body(*problem.solved(0.0, 0.0)[:3]).body
     # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
@@ -247,9 +242,11 @@ def last_link(base: BaseModel) -> NDArray[np.intp]:
     """Return the columns of the last link's ten parameters among all parameters, (10,).
 
     Raises:
-        WrongUsage: the last link is not identified.
+        WrongUsage: the last link is not identified, or torques have no size.
     """
     n = base.robot.n
+    if base.robot.torque.relative:
+        raise WrongUsage("a load has no mass in amperes", fix="find the gains: --loaded LOG")
     columns = body_columns(base.model.parameters).get(n)
     if columns is None:
         raise WrongUsage(

@@ -67,7 +67,7 @@ def unsafe_to_play(assumed: Sequence[str]) -> tuple[str, ...]:
     return tuple(text for text in assumed if not text.startswith("position"))
 
 
-def position_range(robot: Robot) -> tuple[Floats, Floats]:
+def position_range(robot: Robot) -> Floats:
     """Return the least and the greatest position of every joint, stand-ins included, (n,) each [rad or m]."""
     return robot.travel(tuning.ENDLESS_RANGE_RAD, tuning.SLIDE_RANGE_M)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from dynid.answer import Answer, Answered, Facts, Judged, Part, picked
 from dynid.arguments import public
 from dynid.errors import WrongUsage
-from dynid.estimation.compare import Comparison, same_parameters
+from dynid.estimation.compare import Comparison
 from dynid.estimation.compare import compare as compared
 from dynid.estimation.result import Identification
 from dynid.files import typed
@@ -263,10 +263,7 @@ def compare(
         if result is first and baseline is None:
             runs.append(ComparedRun(name, result))
             continue
-        same = (
-            same_parameters(first, result)
-            and first.robot.torque.relative == result.robot.torque.relative
-        )
+        same = first.describes(result.base)
         if baseline is not None and not same:
             both = f"{result.path} ({result.robot.name}), {first.path} ({first.robot.name})"
             raise WrongUsage(
