@@ -168,7 +168,7 @@ class Identified:
         """
         if not self.describes(base):
             raise WrongUsage(
-                f"{self.label} has other joints, base parameters or units of torque than this log's model",
+                f"{self.label} has other joints, base parameters or units of torque than {base.robot.name}",
                 fix="identify both with the same robot file",
             )
 

@@ -264,11 +264,8 @@ def compare(
             runs.append(ComparedRun(name, result))
             continue
         same = first.describes(result.base)
-        if baseline is not None and not same:
-            both = f"{result.path} ({result.robot.name}), {first.path} ({first.robot.name})"
-            raise WrongUsage(
-                f"base parameters differ: {both}", fix="identify both with the same robot file"
-            )
+        if baseline is not None:
+            first.require(result.base)
         comparison = compared(first, result) if same else None
         runs.append(ComparedRun(name, result, reference, comparison, share, path))
     return RunComparison(tuple(runs), None if baseline is None else reference, share)

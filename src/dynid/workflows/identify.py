@@ -407,7 +407,8 @@ def _answer(
     facts |= {"folder": result.path.parent, "inputs": inputs}
     if gains is not None:
         facts |= gain_facts(robot, gains)
-        parts.append(Table(facts["gains"]))
+        named = "joint", "gain" if gains.relative else "gain [N m/A]", "std_error"
+        parts.append(Table([dict(zip(named, x.values(), strict=True)) for x in facts["gains"]]))
         if gains.relative:
             text = "the size of the gains is unknown, so results are in A; see --loaded"
             notes.append(("amperes", text))

@@ -319,8 +319,9 @@ def write_robot(folder: Path, robot: Robot, gains: Gains) -> tuple[Path, Robot]:
 def gain_facts(robot: Robot, gains: Gains) -> Facts:
     """Return the gains for JSON; where only their ratios are known, these, with a mean of 1."""
     pairs = zip(robot.joint_names, gains.gain.tolist(), gains.std_error.tolist(), strict=True)
-    key = "relative_gain" if gains.relative else "gain_nm_per_a"
-    rows = [{"joint": joint, key: gain, "std_error": error} for joint, gain, error in pairs]
+    rows = [
+        {"joint": joint, "gain_nm_per_a": gain, "std_error": error} for joint, gain, error in pairs
+    ]
     return {"gains": rows, "gains_relative": gains.relative}
 
 
