@@ -208,16 +208,17 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
 
 
 def friction_ratings(robot: Robot) -> dict[str, float]:
-    """Return what the joints' friction is in proportion to where it is that of the motors; empty behind joint sensors.
+    """Return what friction and rotors of the joints are in proportion to; empty behind joint sensors.
 
-    Coulomb friction goes with the rated torque, viscous friction with rated torque over speed.
+    Coulomb friction and rotor inertia go with the rated torque, viscous friction with rated torque over speed. Equal
+    rotors drew one of 0.35 kg m^2 to the 0.04 that the six of its arm have in the mean, against what its log told.
     """
     ratings: dict[str, float] = {}
     for k, joint in enumerate(robot.joints, start=1):
         torque, velocity = joint.limits.torque, joint.limits.velocity
         if robot.torque.source != "motor_torque" or not torque or not velocity:
             return {}
-        ratings |= {f"fc{k}": torque, f"fv{k}": torque / velocity}
+        ratings |= {f"fc{k}": torque, f"fv{k}": torque / velocity, f"Im{k}": torque}
     return ratings
 
 
@@ -311,18 +312,16 @@ def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalCo
         Constraints in which friction and rotor inertia have a prior; pooled ones are updated by pooling again.
     """
     prior, spread = constraints.prior.copy(), constraints.spread.copy()
+    share = x / constraints.ratings
     for kind, columns in zip(NONNEGATIVE, constraints.pools, strict=True):
         if len(columns) < 2:
             continue
         offsets = constraints.offsets if kind == "fc" else columns[:0]
-        total = float(np.sum(x[columns] / constraints.ratings[columns]))
-        squares = float(np.sum((x[offsets] / constraints.ratings[offsets]) ** 2))
+        total, squares = float(np.sum(share[columns])), float(np.sum(share[offsets] ** 2))
         count = len(columns) + len(offsets)
         size = (total + np.sqrt(total**2 + 4 * count * squares)) / (2 * count)
-        prior[columns], spread[offsets] = (
-            constraints.ratings[columns] * size,
-            constraints.ratings[offsets] * size,
-        )
+        usual = size * constraints.ratings
+        prior[columns], spread[offsets] = usual[columns], usual[offsets]
     return replace(constraints, prior=prior, spread=spread)
 
 
