@@ -105,7 +105,7 @@ def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_mo
     """
     before = results_of_the_lwr[(1, 2)]
     gap = find_gap(before, [runs_of_the_lwr[k] for k in (1, 2)])
-    names = "presliding_hysteresis(4,) spring(6,)"
+    names = "presliding_hysteresis(4,) presliding_hysteresis(3,) spring(6,)"
     assert " ".join(f"{one.effect}{one.indices}" for one in gap.named) == names
     after = gap.apply()
     unseen = [validate(result, runs_of_the_lwr[3]) for result in (before, after)]
@@ -113,7 +113,7 @@ def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_mo
     assert rms[:, 6] == pytest.approx([0.0701, 0.0517], abs=0.003)
     assert np.all(rms[1] < 1.08 * rms[0])
     assert unseen[1].relative_error_percent < 0.93 * unseen[0].relative_error_percent
-    assert unseen[1].relative_error_percent == pytest.approx(2.43, abs=0.08)
+    assert unseen[1].relative_error_percent == pytest.approx(2.40, abs=0.08)
     alone = [validate(r, runs_of_the_lwr[3], residual_model=False) for r in (before, after)]
     assert alone[1].relative_error_percent < 0.93 * alone[0].relative_error_percent
     assert alone[1].joints[6].rms < 0.5 * alone[0].joints[6].rms

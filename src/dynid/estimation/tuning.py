@@ -72,10 +72,10 @@ INSTRUMENTS_WORST_CONDITION = 1e12
 #: s above: the tails' slope is gamma (1 / s - 1). evidence: none yet.
 PRIOR_FOLLOWED = 0.5
 #: Share of the mean link's mass that a default cylinder gives for a ball of the mean link's extent: a cylinder as short
-#: as a small DH offset is no link. evidence: 0.1, 0.3 and 1 predict all pairs of real recordings to 4.23, 4.23 and
-#: 4.25 %; of the inertial parameters of an arm with a link of 35 mm and 5 kg, 88, 92 and 93 % lie inside their
-#: intervals.
-BALL_SHARE = 0.3
+#: as a small DH offset is no link. evidence: 0.1 and 0.3 predict all pairs of real recordings alike (4.23 %); with 0.1,
+#: 0.2 and 0.3 88, 90 and 92 % of the inertial parameters of an arm with a link of 35 mm and 5 kg lie inside their
+#: intervals, the worst 5.8, 3.2 and 3.3 standard errors off; with 0.3 joints whose torques are wrong spoil others.
+BALL_SHARE = 0.2
 #: Share of the prior's curvature that error bars count: true links differ from default cylinders by more than the prior
 #: says. Chosen on simulated arms with links of random lumps; docs/explanation/estimators.md has the coverage.
 #: evidence: those figures.
