@@ -46,7 +46,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
     if seen_most >= largest or min(most) >= largest:
         return
     heaviest = max(compared, key=lambda j: change[j])
-    likeness = compared[heaviest][2]
+    share, _, likeness = compared[heaviest]
     if likeness > tuning.ALIKE:
         raise GravityRemoved(
             f"torques follow the weight at {100 * seen_most:.2g} % of its size: their scale is unknown",
@@ -55,9 +55,8 @@ def check_gravity(log: Log, robot: Robot) -> None:
             fix="`torque: {source: motor_current, relative: true}`, or the unit under `driver: {units: ...}`",
         )
     raise GravityRemoved(
-        "torques do not follow the pose: gravity was already removed "
-        f"({robot.joint_names[heaviest]} changes by {np.ptp(tau[:, heaviest]):.2g} Nm, "
-        f"about {change[heaviest]:.0f} Nm expected)",
+        "torques do not follow the pose: gravity was already removed ("
+        f"{robot.joint_names[heaviest]} shows {100 * share:.2g} % of {change[heaviest]:.0f} N m)",
         where=log.topic,
         fix=driver_of(robot).gravity_fix,
     )

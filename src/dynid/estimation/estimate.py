@@ -157,7 +157,7 @@ def estimate(
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
-    held_rms, held_percent, held_out = None, None, "nothing held out"
+    held_rms, held_percent, held_out = np.zeros(len(stack.joints)), None, "nothing held out"
     if holdout is not None:
         train, test, held_out = holdout
         again, error = fitted(train, name), used.error
@@ -201,12 +201,13 @@ def _errors(stack: Stack, theta: Floats, error: ModelError | None) -> tuple[Floa
     return np.sqrt(left / np.maximum(stack.counts, 1)), float(100.0 * np.sqrt(left.sum()) / torque)
 
 
-def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
+def _qualities(stack: Stack, rms: Floats, held: Floats) -> tuple[JointQuality, ...]:
+    """Return how well each joint is fitted; of one without rows that were held out, nothing is known of them."""
     torque = joint_rms(stack.factors, stack.counts, np.zeros(len(stack.names)))
-    percent = 100.0 * rms / np.where(torque > 0.0, torque, np.inf)
-    held_out = [None] * len(rms) if held is None else held.tolist()
-    columns = (rms.tolist(), percent.tolist(), torque.tolist(), held_out)
-    return tuple(JointQuality(*row) for row in zip(stack.joints, *columns, strict=True))
+    percent = 100 * rms / np.where(torque > 0, torque, np.inf)
+    known = [each or None for each in held.tolist()]
+    rows = zip(stack.joints, rms.tolist(), percent.tolist(), torque.tolist(), known, strict=True)
+    return tuple(JointQuality(*row) for row in rows)
 
 
 def _certainty(
