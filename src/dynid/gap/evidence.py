@@ -187,11 +187,13 @@ class Rest:
         odds: log odds that anything is, (n,).
         rms: size of all kinds together by joint, in units of the noise, (n,).
         level: power of what follows no state over that of the noise, (n,).
+        quiet: the same in the quietest band, at most 1, (n,).
     """
 
     odds: Floats
     rms: Floats
     level: Floats
+    quiet: Floats
 
 
 @dataclass(frozen=True)
@@ -326,7 +328,9 @@ class Evidence:
             odds[j] = self.log_evidence - self.replaced({j: bare}).log_evidence
             # Why without: the prior of sizes is no evidence for one.
             odds[j] += bare.log_prior(self.price) - model.log_prior(self.price)
-        return Rest(odds, rms, np.array([model.level for model in self.joints]))
+        level = np.array([model.level for model in self.joints])
+        quiet = np.exp([min(model.powers.min(), 0.0) for model in self.joints])
+        return Rest(odds, rms, level, quiet)
 
     # ------------------------------------------------------------ sizes
     def sized(self, joints: Sequence[int], steps: int = STEPS) -> Evidence:

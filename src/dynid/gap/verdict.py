@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import expit
 
-from dynid.arrays import Floats
 from dynid.gap import tuning
 from dynid.gap.counterbalance import COUNTERBALANCE
 from dynid.gap.delays import EffectSearch
@@ -49,9 +48,9 @@ def refusal(
     sure, late = search.options.sure, one.name == "torque_delay"
     rate = search.problem.rows.logs[0].filter.rate
     probability = 1.0 if late else expit(one.log_odds)
-    # How large what is left of its joints is, over the effect: what no kind of the rest holds, too.
+    # How large what is left of its joints is, over the effect.
     # Why not of a change: what has always been left stands for nothing that is new.
-    left = unnamed(search)[[one.joint, *one.joints[:1]]].max() / max(one.visible, 1e-12)
+    left = search.rest.rms[[one.joint, *one.joints[:1]]].max() / max(one.visible, 1e-12)
     alone = not (late or one.name == COUNTERBALANCE or search.problem.rows.compared)
     reasons = (
         # Recorders of five public arms skew by up to 0.3 periods.
@@ -98,17 +97,6 @@ def at_an_end(search: EffectSearch, one: SelectedEffect) -> str:
     return ""
 
 
-def _louder(search: EffectSearch) -> float:
-    """Return how much louder than measured the noise is from which something is missing."""
-    return tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
-
-
-def unnamed(search: EffectSearch) -> Floats:
-    """Return the size of what has no name on each joint, in units of the noise, (n,)."""
-    level = np.maximum(search.rest.level - _louder(search), 0.0)
-    return np.hypot(search.rest.rms, np.sqrt(level))
-
-
 def verdict_of(search: EffectSearch, remainder: Sequence[int]) -> str:
     """Return the verdict on a search whose refused effects are taken out; `remainder`: joints above their noise."""
     if any(one.rivals for one in search.selected):
@@ -122,11 +110,12 @@ def verdict_of(search: EffectSearch, remainder: Sequence[int]) -> str:
 
 def joints_with_more(search: EffectSearch) -> tuple[int, ...]:
     """Return the joints with more left than noise, 0-based."""
-    rest = search.rest
-    # Why of the noise that is there: without repeats it is measured too high.
-    size = rest.rms / np.sqrt(np.minimum(rest.level, 1.0))
-    large = (size > tuning.MATERIAL_REST) & (rest.odds > tuning.REST_SURE)
-    return tuple(np.flatnonzero(large | (rest.level > _louder(search))).tolist())
+    rest, noise, louder = search.rest, np.ones(1), tuning.LOUDER
+    if not search.problem.noise.repeats:
+        # Why the quietest band: noise of the spectrum is measured with what is missing in it.
+        noise, louder = rest.quiet, tuning.LOUDER_UNSURE
+    large = (rest.rms > tuning.MATERIAL_REST * noise**0.5) & (rest.odds > tuning.REST_SURE)
+    return tuple(np.flatnonzero(large | (rest.level > louder * noise)).tolist())
 
 
 def unrepeatable(search: EffectSearch) -> list[int]:
