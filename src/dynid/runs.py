@@ -59,8 +59,7 @@ class RunFolder:
 
     def remove_search(self) -> None:
         """Remove what an earlier search left: its pictures and what was driven say nothing of a new one."""
-        for name in ("where.png", "shrink.png", "simulator.png", "effect_*.png"):
-            for path in self.path.glob(f"gap/{name}"):
-                path.unlink()
-        for path in (self.search, self.simulated):
-            path.unlink(missing_ok=True)
+        pictures = ("gap/where.png", "gap/shrink.png", "gap/simulator.png", "gap/effect_*.png")
+        for name in (*pictures, self.search.name, self.simulated.name):
+            for path in self.path.glob(name):
+                path.unlink(missing_ok=True)

@@ -81,16 +81,8 @@ def doctor_command(session: Session) -> Answer:
     config = click.get_current_context().meta["dynid.config"]
     if config is not None:
         shown = list(sources(None if config == SHOW else config))
-        return Answer(
-            {"settings": shown},
-            parts=[Table(shown)],
-            notes=[
-                (
-                    "note",
-                    "options of single commands are listed when they differ from their default",
-                )
-            ],
-        )
+        note = "note", "options of single commands are listed when they differ from their default"
+        return Answer({"settings": shown}, parts=[Table(shown)], notes=[note])
     return workflows.doctor.doctor()
 
 

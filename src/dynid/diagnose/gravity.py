@@ -56,7 +56,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
         )
     raise GravityRemoved(
         "torques do not follow the pose: gravity was already removed ("
-        f"{robot.joint_names[heaviest]} shows {100 * share:.2g} % of {change[heaviest]:.0f} N m)",
+        f"{robot.joint_names[heaviest]} shows {100 * share:.2g} % of its weight's {change[heaviest]:.0f} N m)",
         where=log.topic,
         fix=driver_of(robot).gravity_fix,
     )

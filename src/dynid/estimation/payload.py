@@ -242,11 +242,11 @@ def last_link(base: BaseModel) -> NDArray[np.intp]:
     """Return the columns of the last link's ten parameters among all parameters, (10,).
 
     Raises:
-        WrongUsage: the last link is not identified, or torques have no size.
+        WrongUsage: the last link is not identified, or torques are in amperes.
     """
     n = base.robot.n
     if base.robot.torque.relative:
-        raise WrongUsage("a load has no mass in amperes", fix="find the gains: --loaded LOG")
+        raise WrongUsage("a load in kg needs the drives' gains", fix="find the gains: --loaded LOG")
     columns = body_columns(base.model.parameters).get(n)
     if columns is None:
         raise WrongUsage(

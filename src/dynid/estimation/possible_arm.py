@@ -192,7 +192,7 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
         base.model.parameters,
         prior_vector(base.model),
         base.robot.known,
-        friction_ratings(base.robot),
+        drive_ratings(base.robot),
     )
     if not len(constraints.bodies):
         return constraints
@@ -207,11 +207,11 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
     return widened(constraints, pseudo_inertia(cylinders[links]))
 
 
-def friction_ratings(robot: Robot) -> dict[str, float]:
+def drive_ratings(robot: Robot) -> dict[str, float]:
     """Return what friction and rotors of the joints are in proportion to; empty behind joint sensors.
 
-    Coulomb friction and rotor inertia go with the rated torque, viscous friction with rated torque over speed. Equal
-    rotors drew one of 0.35 kg m^2 to the 0.04 that the six of its arm have in the mean, against what its log told.
+    Coulomb friction and rotor inertia go with the rated torque, viscous friction with rated torque over speed. When
+    all rotors were taken as equal, one of 0.35 kg m^2 came out near 0.04, the mean of its arm's six.
     """
     ratings: dict[str, float] = {}
     for k, joint in enumerate(robot.joints, start=1):

@@ -15,7 +15,6 @@ from dynid.exporters.interface import STEP_S, Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.model.effects.laws import ANGLE_STEP
 from dynid.model.kinematics import fixed_poses
-from dynid.text import printable
 
 #: Formats that it accompanies.
 HOSTS = ("urdf", "mjcf")
@@ -30,7 +29,6 @@ def text(arm: IdentifiedArm) -> str:
         arm=arm,
         simulation=simulation,
         full=simulation.full,
-        joints=list(map(printable, arm.robot.joint_names)),
         urdf_joints=names,
         mapping=mapping,
         shape=arm.robot.coulomb_shape,

@@ -122,7 +122,7 @@ def model_of(
     for link in robot.identified_links:
         ten = np.array([values.pop(f"{name}{link}") for name in BODY_PARAMETERS])
         bodies[link - 1] = body_of(lifted(ten))
-    return FullModel(robot, tuple(bodies), values, origin)
+    return FullModel(robot=robot, bodies=tuple(bodies), drives=values, origin=origin)
 
 
 def numbers(values: object) -> str:

@@ -24,11 +24,12 @@ def text(arm: IdentifiedArm) -> str:
     drive = {name: simulation.full.of_joints(kind) for kind, name in DRIVE.items()}
     for i, (joint, body) in enumerate(zip(robot.joints, simulation.full.bodies, strict=True)):
         before, to_dh = fixed_poses(joint, robot.convention)
+        frame = previous @ before
         links.append(
             {
                 "joint": joint,
-                "pos": (previous @ before)[:3, 3],
-                "axes": (previous @ before)[:3, :2].T,
+                "pos": frame[:3, 3],
+                "axes": frame[:3, :2].T,
                 "body": moved(body, to_dh),
                 "ends": ends[i] @ to_dh[:3, :3].T + to_dh[:3, 3],
                 "drive": {name: repr(max(0.0, float(row[i]))) for name, row in drive.items()},
@@ -49,11 +50,10 @@ def text(arm: IdentifiedArm) -> str:
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what an MJCF has no place for."""
     full, negative = simulated(arm).full, negative_numbers(arm)
+    soft = "frictionloss has only its size and is a soft constraint"
     gone = {
         "torque offsets fo": any(full.of_joints("fo")),
-        "the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint": any(
-            full.of_joints("fc")
-        ),
+        f"the smooth start of Coulomb friction: {soft}": any(full.of_joints("fc")),
         f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero": negative,
     }
     return (*filter(gone.get, gone), *simulated(arm).left_out)

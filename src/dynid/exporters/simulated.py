@@ -79,15 +79,15 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             columns += zip(forms, sizes, strict=False)
             arm_effects += [added] * (not forms)
     return Simulated(
-        replace(arm.full, bodies=tuple(bodies), drives=drives),
-        (
+        full=replace(arm.full, bodies=tuple(bodies), drives=drives),
+        left=(
             *(f"coupled motors' {name}" for name in drives if name[:3] in ("Imc", "fvc", "fcc")),
             *without_torque(arm.robot),
             *[RESIDUAL] * (arm.model_error is not None),
         ),
-        tuple(in_numbers),
-        columns,
-        arm_effects,
+        numbers=tuple(in_numbers),
+        columns=columns,
+        arm_effects=arm_effects,
     )
 
 

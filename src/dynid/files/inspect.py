@@ -117,10 +117,7 @@ def _table(path: Path, rate: float | None) -> Inspected:
     except LogLayout:
         if not columns or usual or patterns:
             raise
-        text = (
-            f"{path.name}: which of {len(columns)} columns are positions and torques does not "
-            f"follow from their names"
-        )
+        text = f"{path.name}: names of {len(columns)} columns do not say which are positions and torques"
         unknown = Finding("W330", "warning", text, {"columns": columns})
-        return Inspected((), (unknown,), columns=columns, patterns=template(columns))
-    return Inspected((log,), log.findings, columns=columns, patterns=patterns)
+        return Inspected(logs=(), findings=(unknown,), columns=columns, patterns=template(columns))
+    return Inspected(logs=(log,), findings=log.findings, columns=columns, patterns=patterns)

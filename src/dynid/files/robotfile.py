@@ -13,13 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from dynid.errors import (
-    DynidError,
-    ImplausibleGravity,
-    MissingConvention,
-    NotYaml,
-    RobotNotFound,
-)
+from dynid.errors import DynidError, ImplausibleGravity, MissingConvention, NotYaml, RobotNotFound
 from dynid.files import packaged, tuning
 from dynid.files.robotkeys import A_PRIOR, INERTIA, ROBOT, SNAP_STEP, read_joints, unit_of
 from dynid.files.yamlfile import Value, parse_yaml, read_text, read_yaml
@@ -29,11 +23,11 @@ from dynid.text import closest, printable, yaml_text
 
 def known_robots() -> dict[str, Path]:
     """Return the robots in ./robots and inside the package by name; ./robots wins."""
-    robots = {}
-    for folder in (packaged("robots"), Path("robots")):
-        for path in sorted(folder.rglob("*.yaml")):
-            robots[path.relative_to(folder).with_suffix("").as_posix()] = path
-    return robots
+    return {
+        path.relative_to(folder).with_suffix("").as_posix(): path
+        for folder in (packaged("robots"), Path("robots"))
+        for path in sorted(folder.rglob("*.yaml"))
+    }
 
 
 def find_robot(name: str) -> Path:
@@ -50,8 +44,7 @@ def find_robot(name: str) -> Path:
     inside = [each for each in sorted(known) if name and name.lower() in each]
     meant = f"; did you mean '{min(inside, key=len)}'?" if inside else closest(name, known)
     raise RobotNotFound(
-        f"no robot '{name}'{meant}",
-        fix=f"known: {', '.join(sorted(known))}; or give a path",
+        f"no robot '{name}'{meant}", fix=f"known: {', '.join(sorted(known))}; or give a path"
     )
 
 

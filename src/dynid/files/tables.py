@@ -222,7 +222,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
             where=path,
             fix="give the folder with metadata.yaml of rosbag2, or with position.txt and torque.txt",
         )
-    names: list[str] = []
+    names: Sequence[str] = ()
     t: Floats | None = None
     arrays: dict[str, Floats] = {}
     for file in (path / f"{key}.txt" for key in ("position", "velocity", "torque", "time")):

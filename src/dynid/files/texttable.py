@@ -7,7 +7,7 @@ import re
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -25,7 +25,7 @@ _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _NUMBER = re.compile(r"[+-]?\.?\d|nan\b", re.IGNORECASE | re.ASCII)
 
 
-@dataclass
+@dataclass(frozen=True)
 class TextTable:
     """A text table, and how it is written.
 
@@ -35,7 +35,7 @@ class TextTable:
         comma: whether numbers have decimal commas.
         start: number of the first line of numbers.
         first: cells of the first row.
-        names: words of the header, each with its unit of a line below it in brackets; [] where there is none.
+        names: words of the header, each with its unit of a line below it in brackets; empty where there is none.
     """
 
     path: Path
@@ -43,7 +43,7 @@ class TextTable:
     comma: bool
     start: int
     first: list[str]
-    names: list[str] = field(default_factory=list)
+    names: Sequence[str] = ()
 
     def wrong(self, text: str, fix: str = "", line: int = 1) -> LogLayout:
         """Return a mistake in a line of the table."""
@@ -99,8 +99,7 @@ def text_table(path: Path) -> TextTable:
     commas = sum(bool(_WITH_COMMA.fullmatch(cell)) for cell in cells)
     comma = delimiter != "," and commas > sum("." in cell for cell in cells)
     table = TextTable(path, delimiter, comma, start, first)
-    table.names = _header(table, lines[:begin])
-    return table
+    return replace(table, names=_header(table, lines[:begin]))
 
 
 def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> list[str]:

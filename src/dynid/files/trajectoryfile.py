@@ -119,7 +119,7 @@ def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
         "duration_s": float(motion.t[-1]),
         "motion_sha256": motion_hash(motion),
         "reviewed": review is not None,
-        "review": None if review is None else asdict(review),
+        "review": review and asdict(review),
     }
     arrays = {**vars(motion), "coefficients": stored.coefficients}
     write_artifact(path, SCHEMA, header, arrays)

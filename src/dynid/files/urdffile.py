@@ -239,5 +239,12 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         velocity=velocity if 0 < velocity < LARGEST else None,
         torque=effort if 0 < effort < LARGEST else None,
     )
-    origin = _pose(joint.find("origin"), exact)
-    return UrdfJoint(name, kind, parent, child, origin, axis, limits)
+    return UrdfJoint(
+        name=name,
+        type=kind,
+        parent=parent,
+        child=child,
+        origin=_pose(joint.find("origin"), exact),
+        axis=axis,
+        limits=limits,
+    )

@@ -93,11 +93,7 @@ class Value:
         what = f"{self.where}: {self.path or 'the file'}{text}"
         return kind(what, where=self.where, fix=fix, **more)
 
-    def mapping(
-        self,
-        known: Sequence[str],
-        required: Sequence[str] = (),
-    ) -> dict[str, Value]:
+    def mapping(self, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, Value]:
         """Return the values by key, after checking that all keys are known, once given, and the required ones there.
 
         Args:
@@ -122,11 +118,7 @@ class Value:
                 raise self.wrong(f" lacks the key '{key}'")
         return values
 
-    def read(
-        self,
-        keys: Mapping[str, Reader],
-        required: Sequence[str] = (),
-    ) -> dict[str, Any]:
+    def read(self, keys: Mapping[str, Reader], required: Sequence[str] = ()) -> dict[str, Any]:
         """Return the values of a mapping that are there, by key, each as its reader reads it; see ``mapping``."""
         values = self.mapping(list(keys), required)
         return {key: read(values[key]) for key, read in keys.items() if key in values}
@@ -141,8 +133,9 @@ class Value:
 
     def entries(self) -> dict[str, Value]:
         """Return the values of a mapping by key, whatever the keys are, each once; {} for anything else."""
-        keys = [str(key.value) for key, _ in self.node.value] if self.is_mapping else []
-        return self.mapping(keys) if keys else {}
+        if not self.is_mapping:
+            return {}
+        return self.mapping([str(key.value) for key, _ in self.node.value])
 
     def items(self, length: int | None = None) -> list[Value]:
         """Return the values of a list, after checking its length."""

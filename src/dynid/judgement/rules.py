@@ -224,7 +224,7 @@ def _replay_reasons(unseen: Unseen, e: Evidence, sentence: str) -> Iterator[str]
         joint, error, times = far
         so_many = "" if times <= tuning.AT_NOISE else f", {shown(times)} times that"
         noise, floor = joint.noise or 0.0, joint.floor or 0.0
-        least = f"; counts as {100 * tuning.SENSOR:g} % of its torque, {floor:.3g}"
+        least = f", taken as {100 * tuning.SENSOR:g} % of its torque, {floor:.3g}"
         level = f"noise {noise:.3g}{e.or_more}{least if floor > noise else ''}"
         size = f"{error:.3g} {joint.unit} ({level}{so_many})"
         yield f"Largest residual relative to noise: {joint.joint}, {size}."

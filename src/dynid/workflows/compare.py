@@ -263,10 +263,9 @@ def compare(
         if result is first and baseline is None:
             runs.append(ComparedRun(name, result))
             continue
-        same = first.describes(result.base)
         if baseline is not None:
             first.require(result.base)
-        comparison = compared(first, result) if same else None
+        comparison = compared(first, result) if first.describes(result.base) else None
         runs.append(ComparedRun(name, result, reference, comparison, share, path))
     return RunComparison(tuple(runs), None if baseline is None else reference, share)
 

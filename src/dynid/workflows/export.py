@@ -284,11 +284,11 @@ def identified_arm(
         result.knowledge,
         full_model(result.base, full, theta),
         Provenance(
-            str(result.header.get("dynid", __version__)),
-            result.method,
-            which,
-            relative_error(result.factors, theta),
-            result.log_sha256,
+            version=str(result.header.get("dynid", __version__)),
+            method=result.method,
+            parameter_set=which,
+            relative_error_percent=relative_error(result.factors, theta),
+            log_sha256=result.log_sha256,
         ),
         options.urdf,
         # Why only the set in force: the residual model is what that set leaves.

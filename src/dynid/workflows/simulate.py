@@ -206,8 +206,8 @@ def compare_in_simulator(
     first, last = given[0], given[-1]
     robot, options = first.robot, LogOptions(cutoff=first.cutoff or None, delay=first.delay)
     recording = as_log(log, robot, options)
-    names = tuple(str(k) for k, _ in enumerate(given, start=1))
-    names = ("before", "after") if len(given) == 2 else names
+    numbered = tuple(map(str, range(1, len(given) + 1)))
+    models = ("before", "after") if len(given) == 2 else numbered
     if any(each.robot.joint_names != robot.joint_names for each in given):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
     with heard_by():
@@ -223,13 +223,21 @@ def compare_in_simulator(
     # What each joint moves, on average along the motion, (n,) [kg m^2 or kg].
     inertia = np.abs(np.diagonal(matrices, axis1=1, axis2=2)).mean(axis=0)
     runs = []
-    for name, each in zip(names, given, strict=True):
+    for name, each in zip(models, given, strict=True):
         arm = identified_arm(each, ("mjcf",))
         stage("simulate", f"{name}, {len(t)} samples")
         runs.append(drive(arm, (t, q, qd, tau), inertia))
     simulated, added = (np.array(each) for each in zip(*runs, strict=True))
-    source = str(recording.source or recording.name)
-    return SimulatorGap(robot, source, "mujoco", names, t, q, simulated, added)
+    return SimulatorGap(
+        robot=robot,
+        log=str(recording.source or recording.name),
+        engine="mujoco",
+        models=models,
+        t=t,
+        q=q,
+        simulated=simulated,
+        added=added,
+    )
 
 
 def save_figure(gap: SimulatorGap, path: Path) -> Path:
@@ -286,9 +294,8 @@ def start_pose(robot: Robot, given: str | None) -> Floats:
     """
     if given is None:
         # Why: a Kinova Gen2 points up with all joints at 180 deg, which is also the middle of its ranges.
-        endless = np.pi if is_kinova(robot) else 0.0
-        ranges = [joint.limits.position or (endless, endless) for joint in robot.joints]
-        return np.array([(lower + upper) / 2 for lower, upper in ranges])
+        endless = (np.pi if is_kinova(robot) else 0.0,) * 2
+        return robot.travel(endless, endless).mean(axis=0)
     if Path(given).exists():
         return np.array(read_trajectory(Path(given), robot).motion.q[0])
     try:
