@@ -76,8 +76,7 @@ def attached(path: Path, robot: Robot, within: float = SAME_ARM) -> Attached:
         WrongUrdf: joints are missing, or the geometry is another one.
     """
     urdf = read_urdf(path)
-    names = _names(urdf, robot)
-    known = {joint.name: joint for joint in urdf.joints}
+    names, known = _names(urdf, robot), {joint.name: joint for joint in urdf.joints}
     chain = urdf.chain(urdf.root, known[names[-1]].child)
     if [joint.name for joint in chain if joint.name in names] != list(names):
         moving = ", ".join(joint.name for joint in chain if joint.moves)
@@ -85,16 +84,15 @@ def attached(path: Path, robot: Robot, within: float = SAME_ARM) -> Attached:
             f": the joints up to '{names[-1]}' are {moving}; the robot file has {', '.join(names)}"
         )
         raise wrong_urdf(path, text)
-    errors = []
-    same = JointMap((1.0,) * robot.n, (0.0,) * robot.n)
+    errors, same = [], JointMap((1.0,) * robot.n, (0.0,) * robot.n)
     maps = (same, robot.simulator, robot.driver.map if robot.driver else None)
     for mapping in filter(None, maps):
         to_dh, miss = _compared(urdf, chain, robot, names, mapping)
         if miss.max() < within:
             return Attached(urdf, tuple(known[name] for name in names), mapping, tuple(to_dh))
         errors.append(miss)
-    best = min(errors, key=lambda miss: float(miss.max()))
-    worst = int(np.argmax(best > within))
+    best = min(errors, key=np.max)
+    worst = np.argmax(best > within)
     raise WrongUrdf(
         f"{path}: joint '{names[worst]}' is not where the robot file's DH table has it (off by {best[worst]:.3g} m)",
         where=path,

@@ -70,17 +70,15 @@ class BaseModel(Answered):
         """Return the prior of the base parameters, K gamma, (p,), in their units.
 
         Args:
-            unknown: what stands where the prior says nothing: for friction, for added effects, and for a rotor inertia
-                alone; in a combination a rotor inertia counts as zero.
+            unknown: what stands where the prior says nothing: for friction, a rotor inertia and added effects alone; in
+                a combination these count as zero.
         """
-        base, K = self.reduction.base, self.reduction.K
-        table = [self.model.parameters[k] for k in base]
-        combined = np.count_nonzero(K, axis=1) > 1
+        reduction, parameters = self.reduction, self.model.parameters
         known = [
-            p.of_body or (p.kind == "Im" and mixed)
-            for p, mixed in zip(table, combined, strict=True)
+            parameters[k].of_body or len(reduction.terms(row)) > 1
+            for row, k in enumerate(reduction.base)
         ]
-        return np.where(known, K @ prior_vector(self.model), unknown)
+        return np.where(known, reduction.K @ prior_vector(self.model), unknown)
 
     def torques(self, theta: Floats) -> ModelTorques:
         """Return the torques of base parameters: their representatives carry them, all other parameters are zero."""
@@ -198,7 +196,7 @@ _PROGRAM = ("op", "lhs", "rhs", "rows", "cols", "outputs")
 _REDUCTION = ("base", "K", "singular_values")
 _LISTS = ("alone", "none", "combined", "formulas")
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
-DERIVATION = 3
+DERIVATION = 4
 
 
 def key_of(robot: Robot) -> str:

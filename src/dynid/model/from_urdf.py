@@ -23,6 +23,15 @@ from dynid.model.parameters import inertia_of, moved, second_moments
 from dynid.robot import MOST_JOINTS, Body, Joint, Prior, Robot, roll_pitch_yaw
 
 _GRAVITY = 9.81
+#: What is said of links of a URDF whose bodies are not taken as they are.
+IMPOSSIBLE = (
+    "the URDF's inertia of link {} is physically impossible (a principal moment exceeds "
+    "the sum of the other two): the prior takes the nearest possible one"
+)
+MASSLESS = (
+    "the URDF has no mass for link {}: dynid starts from a light cylinder there; "
+    "give the prior a mass if you know one"
+)
 
 
 @dataclass(frozen=True)
@@ -52,12 +61,10 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
     start = urdf.known_link(base) if base else urdf.root
     if tip:
         return start, urdf.known_link(tip)
-    link, count = start, 0
-    while True:
-        ahead = _next_moving(urdf, link)
-        if len(ahead) != 1:
-            break
+    link, ahead, count = start, _next_moving(urdf, start), 0
+    while len(ahead) == 1:
         link, count = ahead[0].child, count + 1
+        ahead = _next_moving(urdf, link)
     # Why: what hangs on an arm is a hand of short fingers; branches longer than the way to them are arms of their own.
     if not count or any(_longest(urdf, joint) > count for joint in ahead):
         moving = (joint.child for joint in urdf.joints if joint.moves)
@@ -67,11 +74,10 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
             f": the joints fork at link '{link}'; the arm may end at {tips or 'no link: no joint moves'}",
             "name the last link of the arm with --tip LINK, and its first with --base LINK (dynid import)",
         )
-    while (
-        len(fixed := [joint for joint in urdf.joints if joint.parent == link and not joint.moves])
-        == 1
-        and not ahead
-    ):
+    while not ahead:
+        fixed = [joint for joint in urdf.joints if joint.parent == link and not joint.moves]
+        if len(fixed) != 1:
+            break
         link = fixed[0].child
     return start, link
 
@@ -129,8 +135,8 @@ def import_arm(
     if any(body.mass for body in bodies):
         robot = replace(robot, prior=Prior(links=bodies))
     tip_pose = np.linalg.inv(dh[-1]) @ poses[end]
-    configurations = np.random.default_rng(0).uniform(-3.0, 3.0, (100, robot.n))
-    configurations = np.vstack([np.zeros(robot.n), configurations])
+    configurations = np.random.default_rng(0).uniform(-3.0, 3.0, (101, robot.n))
+    configurations[0] = 0.0
     tips = frame0 @ link_frames(robot, configurations).poses[:, -1] @ tip_pose
     largest = np.abs(tips - [raw.poses(start, end, q)[end] for q in configurations]).max()
     return Imported(robot, start, end, tip_pose, float(largest), tuple(findings))
@@ -215,9 +221,8 @@ def _across(direction: Floats, z: Floats) -> Floats | None:
 
 
 def _frame(x: Floats, z: Floats, origin: Floats) -> Floats:
-    pose = pose_of(np.transpose([x, np.cross(z, x), z]), origin)
-    pose[:3] = np.where(np.abs(pose[:3]) < 1e-14, 0.0, pose[:3])
-    return pose
+    # Why plus zero: rounding makes -0 of a small negative number.
+    return np.round(pose_of(np.transpose([x, np.cross(z, x), z]), origin), 14) + 0.0
 
 
 def _angle(a: Floats, b: Floats, axis: Floats) -> float:
@@ -248,29 +253,21 @@ def _bodies(
     urdf: Urdf, moving: Sequence[UrdfJoint], dh: Floats, poses: dict[str, Floats]
 ) -> tuple[tuple[Body, ...], list[Finding]]:
     """Return one body a link in its DH frame: the link's own and all that hangs on it up to the next joint."""
-    names = [joint.name for joint in moving]
-    bodies, findings, changed, empty = [], [], [], []
-    for i, joint in enumerate(moving, start=1):
-        to_dh = np.linalg.inv(dh[i - 1]) @ poses[joint.child]
-        body = carried(urdf, joint.child, names)
-        if body.mass:
-            body = moved(body, to_dh)
-        bodies.append(possible_body(body) if body.mass else body)
-        changed += [str(i)] * (bodies[-1] != body)
-        empty += [str(i)] * (not body.mass)
-    if changed:
-        text = (
-            f"the URDF's inertia of link {', '.join(changed)} is physically impossible (a principal moment exceeds "
-            "the sum of the other two): the prior takes the nearest possible one"
-        )
-        findings.append(Finding("W210", "warning", text, {"links": changed}))
-    if empty:
-        text = (
-            f"the URDF has no mass for link {', '.join(empty)}: dynid starts from a light cylinder there; "
-            "give the prior a mass if you know one"
-        )
-        findings.append(Finding("W210", "warning", text, {"links": empty}))
-    return tuple(bodies), findings
+    names, bodies = [joint.name for joint in moving], list[Body]()
+    changed, empty = list[str](), list[str]()
+    for number, joint in enumerate(moving, start=1):
+        pose = np.linalg.inv(dh[number - 1]) @ poses[joint.child]
+        body = moved(carried(urdf, joint.child, names), pose)
+        bodies.append(possible_body(body))
+        changed += [str(number)] * (bodies[-1] != body)
+        empty += [str(number)] * (not body.mass)
+    said = {
+        IMPOSSIBLE.format(", ".join(changed)): changed,
+        MASSLESS.format(", ".join(empty)): empty,
+    }
+    return tuple(bodies), [
+        Finding("W210", "warning", text, {"links": links}) for text, links in said.items() if links
+    ]
 
 
 def possible_body(body: Body) -> Body:

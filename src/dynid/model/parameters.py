@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 
 from dynid.arrays import Floats, Ints
 from dynid.model import tuning
-from dynid.robot import LINK_PARAMETERS, Body, Cylinders, Robot
+from dynid.robot import LINK_PARAMETERS, Body, Cylinders, Joint, Robot
 
 #: The ten parameters of a link that make a body; the eleventh, Im, belongs to the drive.
 BODY_PARAMETERS = LINK_PARAMETERS[:10]
@@ -70,15 +71,26 @@ def columns_of(parameters: Iterable[Parameter], *kinds: str) -> Ints:
     )
 
 
+def representative_rank(convention: str, joint: Joint, kind: str) -> tuple[bool, bool]:
+    """Return how late a parameter of a joint's link represents a sum: what the joint lets pass to the link before last.
+
+    That is mass, first moment and a thin rod on the axis of a revolute joint, and inertia of a prismatic one; of the
+    others inertia comes before mass. Why not the order of Table 5: where a length of the DH table is short,
+    coefficients would grow as its inverse square, and a link of 3 kg be shown with -94 kg.
+    Source: Gautier & Khalil 1990.
+    """
+    upright = convention == "modified" or abs(math.cos(joint.twist)) > abs(math.sin(joint.twist))
+    on_axis = ("m", "mcz", "Iyy") if upright else ("m", "mcy", "Izz")
+    passing = on_axis if joint.revolute else BODY_PARAMETERS[4:]
+    return kind in passing, kind.startswith("m")
+
+
 def body_columns(parameters: Iterable[Parameter]) -> dict[int, Ints]:
     """Return the columns of the ten body parameters of each link, (10,), by the link's number."""
-    places: dict[int, dict[str, int]] = {}
-    for k, parameter in enumerate(parameters):
-        if parameter.of_body:
-            places.setdefault(parameter.number, {})[parameter.kind] = k
     return {
-        link: np.array([of[kind] for kind in BODY_PARAMETERS], dtype=np.intp)
-        for link, of in sorted(places.items())
+        parameter.number: np.arange(k, k + len(BODY_PARAMETERS))
+        for k, parameter in enumerate(parameters)
+        if parameter.kind == BODY_PARAMETERS[0]
     }
 
 
@@ -136,16 +148,9 @@ def prior_bodies(robot: Robot) -> tuple[Body, ...]:
         bodies = robot.prior.links
     else:
         spec, ends = cylinders_of(robot), link_cylinders(robot)
-        radius = spec.radius
-        volumes = math.pi * radius**2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        masses = (
-            volumes * (spec.density or 0.0)
-            if spec.mass is None
-            else volumes * spec.mass / volumes.sum()
-        )
-        bodies = tuple(
-            cylinder_body(each, radius, float(m)) for each, m in zip(ends, masses, strict=True)
-        )
+        volumes = math.pi * spec.radius**2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        given = spec.density or 0.0 if spec.mass is None else spec.mass / volumes.sum()
+        bodies = tuple(map(cylinder_body, ends, repeat(spec.radius), (given * volumes).tolist()))
     return bodies if robot.tool is None else (*bodies[:-1], joined(bodies[-1], robot.tool))
 
 

@@ -52,8 +52,9 @@ def as_python(model: Model) -> str:
         f"    P = np.zeros({program.shape} + np.shape(q[0]))",
         *(f"    {name} = {value}" for name, value in variables),
         *(f"    P[{row}, {col}] = {text[slot]}" for row, col, slot in entries),
+        "    return P",
     ]
-    return "\n".join([*lines, "    return P"])
+    return "\n".join(lines)
 
 
 def as_latex(model: Model) -> str:

@@ -75,8 +75,7 @@ class Program:
         needed[self.outputs[kept]] = True
         for k in range(self.flops - 1, -1, -1):
             if needed[first + k]:
-                needed[self.lhs[k]] = True
-                needed[self.rhs[k]] = True
+                needed[[self.lhs[k], self.rhs[k]]] = True
         inputs = needed[:first]
         renumbered = np.cumsum(needed, dtype=np.int32) - 1
         live = needed[first:]
@@ -123,7 +122,7 @@ def moving_input(name: str, robot: Robot, q: Floats, qd: Floats, qdd: Floats) ->
     if kind in ("c", "s"):
         angle = q[:, joint] + robot.joints[joint].theta_offset
         return np.cos(angle) if kind == "c" else np.sin(angle)
-    return (q if kind == "q" else qd if kind == "qd" else qdd)[:, joint]
+    return {"q": q, "qd": qd, "qdd": qdd}[kind][:, joint]
 
 
 def input_of(name: str) -> tuple[str, int]:

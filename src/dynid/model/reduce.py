@@ -13,6 +13,7 @@ import numpy as np
 
 from dynid.arrays import Floats, Ints, Mask
 from dynid.model import tuning
+from dynid.model.parameters import representative_rank
 from dynid.model.regressor import Model
 from dynid.robot import Robot
 
@@ -23,7 +24,7 @@ class Reduction:
 
     Attributes:
         names: names of all c columns.
-        base: indices of the p representatives: the leftmost independent columns in the order of Table 5.
+        base: indices of the p representatives: the first independent columns of ``representatives_first``.
         K: how the base parameters combine all parameters, (p, c); the identity at ``base``.
         alone: names of parameters identifiable alone (X_i).
         none: names of parameters that no motion shows (X_ni).
@@ -68,7 +69,7 @@ class Reduction:
 def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, Floats]:
     """Return random positions, velocities and accelerations, each (count, n)."""
     rng = np.random.default_rng(seed)
-    reach = np.array([np.pi if joint.revolute else 1.0 for joint in robot.joints])
+    reach = np.where(robot.turning, np.pi, 1.0)
     q = rng.uniform(-reach, reach, (count, robot.n))
     qd, qdd = rng.normal(0.0, tuning.RANDOM_STATE_SPREAD, (2, count, robot.n))
     return q, qd, qdd
@@ -91,7 +92,7 @@ def reduce(
         tolerance: relative size below which a normalised column counts as dependent; None for the usual one.
         still: whether the torques at rest are meant: the gravity parameters that vendors publish.
 
-    Source: Paper Eq. 13 and its functions X_i, X_ni, X_1, X_2.
+    Source: Paper Eq. 13 and its functions X_i, X_ni, X_1, X_2; regrouping by Gautier 1991.
     """
     size, tolerance = model.size_without_effects, tolerance or tuning.DEPENDENT_COLUMN
     q, qd, qdd = random_states(model.robot, max(samples, -(-2 * size // model.robot.n)), seed)
@@ -103,7 +104,13 @@ def reduce(
     values, Vt = np.linalg.svd(W, full_matrices=False)[1:]
     rank = int(np.sum(values > tolerance * values[0]))
     gap = float(values[rank - 1] / values[rank]) if rank < size and values[rank] > 0 else np.inf
-    base, K = _regroup(W, present, tolerance)
+    # A column that is made of those before it leaves nothing on the diagonal of R.
+    order = representatives_first(model)
+    R = np.asarray(np.linalg.qr(W[:, order], mode="r"))
+    base = np.sort(order[np.abs(np.diag(R)) > tolerance])
+    R = R[:, np.argsort(order)]
+    K = np.linalg.lstsq(R[:, base], R, rcond=None)[0] * present
+    K[:, base] = np.eye(len(base))
     K[np.abs(K) < tuning.ROUNDING_SHARE * np.abs(K).max(axis=1, initial=0, keepdims=True)] = 0.0
     mixed = np.abs(Vt[rank:]).max(axis=0, initial=0.0) > 1e-8
     names = model.parameter_names[:size]
@@ -145,14 +152,11 @@ def with_added(reduction: Reduction, model: Model) -> Reduction:
     )
 
 
-def _regroup(W: Floats, present: Mask, tolerance: float) -> tuple[Ints, Floats]:
-    """Return the leftmost independent columns and how the others are made of them, for normalised columns.
-
-    Source: Gautier 1991; a column that is made of those before it leaves nothing on the diagonal of R.
-    """
-    R = np.asarray(np.linalg.qr(W, mode="r"))
-    base = np.flatnonzero(np.abs(np.diag(R)) > tolerance)
-    K = np.linalg.lstsq(R[:, base], R, rcond=None)[0]
-    K[:, base] = np.eye(len(base))
-    K[:, ~present] = 0.0
-    return base, K
+def representatives_first(model: Model) -> Ints:
+    """Return the columns without those of added effects in the order in which they represent sums."""
+    robot = model.robot
+    ranks = [
+        representative_rank(robot.convention, robot.joints[one.number - 1], one.kind)
+        for one in model.parameters[: model.size_without_effects]
+    ]
+    return np.array(sorted(range(len(ranks)), key=ranks.__getitem__))

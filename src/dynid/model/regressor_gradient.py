@@ -43,8 +43,8 @@ class Tape(Evaluator):
             elif isinstance(factor, float) and abs(factor) == 1.0:
                 calls.append((np.add if factor > 0 else np.subtract, target, slope, target))
             else:
-                calls.append((np.multiply, slope, factor, self._spare))
-                calls.append((np.add, target, self._spare, target))
+                spare = self._spare
+                calls.extend([(np.multiply, slope, factor, spare), (np.add, target, spare, target)])
 
         for op, lhs, rhs, out in reversed(self._steps):
             slope = self._slopes[self._row[out]]
@@ -68,7 +68,7 @@ class Tape(Evaluator):
                 angle = q[:, j] + self._robot.joints[j].theta_offset
                 by_q[:, j] += slope * (-np.sin(angle) if kind == "c" else np.cos(angle))
             else:
-                (by_q if kind == "q" else by_qd if kind == "qd" else by_qdd)[:, j] += slope
+                {"q": by_q, "qd": by_qd, "qdd": by_qdd}[kind][:, j] += slope
 
 
 class RegressorGradient(Observer):

@@ -9,7 +9,7 @@ the numbers. Source: Gautier & Khalil 1990; pseudo-inertia as in Wensing 2018.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -23,19 +23,20 @@ from sympy import (  # noqa: TID253
     Matrix,
     Symbol,
     cancel,
+    diag,
     expand,
     sstr,
     total_degree,
-    zeros,
 )
 
 from dynid.arrays import Floats
 from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
 from dynid.model.kinematics import dh_step, geometry, right_angle
-from dynid.model.parameters import TENSOR
-from dynid.model.reduce import Reduction, reduce, with_added
+from dynid.model.parameters import BODY_PARAMETERS, TENSOR, representative_rank
+from dynid.model.reduce import Reduction, reduce, representatives_first, with_added
 from dynid.model.regressor import Model
+from dynid.robot import LINK_PARAMETERS, Joint
 
 #: A column as a combination of others, by their places; shares without a formula are plain numbers.
 Shares = dict[int, Expr]
@@ -95,42 +96,36 @@ def relations_of(
     """
     reduction = reduction or reduce(model, still=still)
     rules, numbers = _rules(model, still), geometry(model.robot)
-    base, columns, values = reduction.base.tolist(), list[Shares](), list[Floats]()
-    for k, own in enumerate(reduction.K.T):
-        composed = {base.index(k): ONE} if k in base else _composed(rules.get(k, {}), columns)
-        value = np.zeros(reduction.rank)
+    base, found = reduction.base.tolist(), dict[int, tuple[Shares, Floats]]()
+    for k in representatives_first(model).tolist():
+        own, value = reduction.K[:, k], np.zeros(reduction.rank)
+        composed = {base.index(k): ONE} if k in base else _composed(rules.get(k, {}), found)
         for row, share in composed.items():
             value[row] = _value(share, numbers)
-        composed = {row: share for row, share in composed.items() if value[row]}
-        tried = [(composed, value)]
-        for column, size in zip(columns, values, strict=True):
-            tried += [(column, size), ({row: -share for row, share in column.items()}, -size)]
-        integers = np.allclose(own, np.round(own))
-        known = (Integer(round(x)) if integers else Float(x) for x in own)
-        tried.append(({row: x for row, x in enumerate(known) if x}, own))
-        near = 1e-7 * np.abs(own).max(initial=0.0)
-        shares, value = next(one for one in tried if np.allclose(one[1], own, 1e-7, near))
-        columns.append(shares)
-        values.append(value)
+        tried = [({row: share for row, share in composed.items() if value[row]}, value)]
+        for shares, size in found.values():
+            tried += [(shares, size), ({row: -share for row, share in shares.items()}, -size)]
+        number = Integer if np.allclose(own, np.round(own)) else Float
+        tried.append(({row: number(own[row]) for row in np.flatnonzero(own)}, own))
+        near = 1e-7 * np.abs(own).max()
+        found[k] = next(one for one in tried if np.allclose(one[1], own, 1e-7, near))
     groups = []
     for row, first in enumerate(base):
-        order = [first, *(k for k, x in enumerate(columns) if row in x and k != first)]
-        formulas = [columns[k][row] for k in order]
-        groups.append(
-            tuple(
-                Term(reduction.names[k], None if x.has(Float) else x, float(values[k][row]))
-                for k, x in zip(order, formulas, strict=True)
-            )
-        )
+        order = [first, *(k for k in sorted(found) if row in found[k][0] and k != first)]
+        terms = []
+        for k in order:
+            formula, share = found[k][0][row], float(found[k][1][row])
+            terms.append(Term(reduction.names[k], None if formula.has(Float) else formula, share))
+        groups.append(tuple(terms))
     return tuple(groups)
 
 
 # ---------------------------------------------------------------- composed from joint to joint
-def _composed(rule: Shares, columns: list[Shares]) -> Shares:
+def _composed(rule: Shares, found: Mapping[int, tuple[Shares, Floats]]) -> Shares:
     """Return a column by rows of base parameters, of one by columns before it."""
     total: Shares = {}
     for k, factor in rule.items():
-        for row, share in columns[k].items():
+        for row, share in found[k][0].items():
             total[row] = total.get(row, ZERO) + expand(factor * share)
     return total
 
@@ -150,9 +145,7 @@ def _rules(model: Model, still: bool) -> dict[int, Shares]:
     for link, joint in enumerate(robot.joints):
         places, number = list(range(11 * link, 11 * link + 11)), link + 1
         if link:
-            twist, angle = right_angle(joint.twist), right_angle(joint.theta_offset)
-            shape = (bool(joint.a), bool(joint.d), twist, None if joint.revolute else angle)
-            local = _passed(robot.convention, joint.revolute, still, *shape)
+            local = _passed(robot.convention, joint, still)
             # The eleventh parameter is no body's.
             first = 11 * (link - 1)
             places = [first + k + (k > 9) for k in range(20)]
@@ -167,19 +160,11 @@ def _rules(model: Model, still: bool) -> dict[int, Shares]:
 
 
 @lru_cache(maxsize=64)
-def _passed(
-    convention: str,
-    revolute: bool,
-    still: bool,
-    a: bool,
-    d: bool,
-    twist: tuple[int, int] | None,
-    angle: tuple[int, int] | None,
-) -> dict[int, Shares]:
-    """Return the last parameters that a joint of this shape lets pass, by the others: 0-9 of the link before, 10-19."""
-    ca, sa = map(Integer, twist) if twist else (CA, SA)
-    length, offset = A if a else ZERO, D if d else ZERO
-    if revolute:
+def _passed(convention: str, joint: Joint, still: bool) -> dict[int, Shares]:
+    """Return the parameters that a joint lets pass, by the others: 0-9 of the link before, 10-19."""
+    ca, sa = _turned(joint.twist, CA, SA)
+    length, offset = A if joint.a else ZERO, D if joint.d else ZERO
+    if joint.revolute:
         along, here = Matrix([0, sa, ca, 0]), Matrix([-length, 0, 0, 1])
         before, there = Matrix([0, 0, 1, 0]), Matrix([0, 0, offset, 1])
         if convention == "modified":
@@ -187,26 +172,35 @@ def _passed(
             before, there = Matrix([0, -sa, ca, 0]), Matrix([length, -offset * sa, offset * ca, 1])
         pairs = zip(_on_axis(along, here), _on_axis(before, there), strict=True)
     else:
-        turned = map(Integer, angle) if angle else (C, S)
-        R = Matrix(dh_step(convention, tuple(turned), (ca, sa), 0, 0)[0]).row_join(zeros(3, 1))
-        R = R.col_join(zeros(1, 4))
-        units = [zeros(4) for _ in TENSOR]
-        for unit, (i, j) in zip(units, TENSOR, strict=True):
-            unit[i, j] = unit[j, i] = 1
+        turned = _turned(joint.theta_offset, C, S)
+        R = diag(Matrix(dh_step(convention, turned, (ca, sa), 0, 0)[0]), 0)
+        axes = Matrix.eye(4)
+        units = [axes[:, i] * axes[j, :] + axes[:, j] * axes[i, :] for i, j in TENSOR]
         pairs = zip(units, (R * unit * R.T for unit in units), strict=True)
     rows = [_parameters(other) + [-x for x in _parameters(own)] for own, other in pairs]
     if still:
         rows = [row[:4] + [0] * 6 + row[10:14] + [0] * 6 for row in rows]
-    return _last_by_others(Matrix(rows))
+    return _last_by_others(Matrix(rows), BODY_PARAMETERS * 2, convention, joint)
 
 
-def _last_by_others(rows: Matrix) -> dict[int, Shares]:
-    """Return columns by those before them, where each row is a combination of columns that vanishes."""
-    last = rows.cols - 1
-    reduced, pivots = rows[:, ::-1].rref(simplify=cancel)
+def _turned(angle: float, cosine: Symbol, sine: Symbol) -> tuple[Expr, Expr]:
+    """Return cosine and sine of an angle: exact ones of a multiple of 90 degrees, else the symbols."""
+    exact = right_angle(angle)
+    return (Integer(exact[0]), Integer(exact[1])) if exact else (cosine, sine)
+
+
+def _last_by_others(
+    rows: Matrix, kinds: Sequence[str], convention: str, joint: Joint
+) -> dict[int, Shares]:
+    """Return columns by those that represent sums before them; each row is a combination that vanishes."""
+    ranks = [representative_rank(convention, joint, kind) for kind in kinds]
+    order = sorted(range(rows.cols), key=ranks.__getitem__)[::-1]
+    reduced, pivots = rows[:, order].rref(simplify=cancel)
     return {
-        last - own: {
-            last - k: _short(-reduced[row, k]) for k in range(last, own, -1) if reduced[row, k] != 0
+        order[own]: {
+            order[k]: _short(-reduced[row, k])
+            for k in range(own + 1, rows.cols)
+            if reduced[row, k] != 0
         }
         for row, own in enumerate(pivots)
     }
@@ -237,19 +231,18 @@ def _of_first_link(model: Model, still: bool) -> dict[int, Shares]:
     robot, joint = model.robot, model.robot.joints[0]
     if not joint.revolute:
         return {}
-    values, exact = geometry(robot), right_angle(joint.twist)
-    c, s = map(Integer, exact) if exact else (CA, SA)
+    values, (c, s) = geometry(robot), _turned(joint.twist, CA, SA)
     a, axis = A if joint.a else ZERO, [0, 0, 1.0]
     if robot.convention == "modified":
         axis, c, s, a = [0, -values["sa1"], values["ca1"]], ONE, ZERO, ZERO
-    rows = []
-    if not still:  # inertia about the axis, with the rotor's
-        rows.append([a**2, 2 * a, 0, 0, 0, 0, 0, s**2, 2 * s * c, c**2, 1])
+    # Inertia about the axis, with the rotor's.
+    rows = [[a**2, 2 * a, 0, 0, 0, 0, 0, s**2, 2 * s * c, c**2, 1]] * (not still)
     if np.linalg.norm(np.cross(axis, robot.gravity)) > tuning.ROUNDING_SHARE:
         rows += [[a, 1, *[0] * 9], [0, 0, c, -s, *[0] * 7]]
     if not rows:
         return {}
-    return _last_by_others(Matrix.hstack(*Matrix(rows).nullspace()).T)
+    vanishing = Matrix.hstack(*Matrix(rows).nullspace()).T
+    return _last_by_others(vanishing, LINK_PARAMETERS, robot.convention, joint)
 
 
 # ---------------------------------------------------------------- text and JSON
@@ -283,8 +276,9 @@ def _spelled(relation: Relation) -> str:
     parts = []
     for share, terms in _gathered(relation):
         body = "+".join(term.name for term in terms)
+        body = f"({body})" if len(terms) > 1 else body
         # Not commutative: parameters stand behind their coefficients.
-        parts.append(share * Symbol(f"({body})" if len(terms) > 1 else body, commutative=False))
+        parts.append(share * Symbol(body, commutative=False))
     return f"{base_name(relation)} = {_plain(Add(*parts, evaluate=False))}"
 
 

@@ -151,8 +151,6 @@ def delay_of(effects: Iterable[EffectSpec]) -> float:
 
 def joined_motion(motions: list[ArmMotion]) -> ArmMotion:
     """Return several intervals as one, for grids that depend on where the arm went."""
-    if len(motions) == 1:
-        return motions[0]
     signals = ("t", "q", "qd", "qdd", "coulomb_sign")
     parts: dict[str, Any] = {
         key: np.concatenate([getattr(motion, key) for motion in motions]) for key in signals

@@ -10,6 +10,7 @@ A name is a signal (``q4``, ``qd4``, ``qdd4``, ``tau4`` of joint 4, without a nu
 from __future__ import annotations
 
 import ast
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -116,7 +117,10 @@ def _node(tree: ast.expr, text: str) -> Node:
         case ast.UnaryOp(op=ast.USub(), operand=inner):
             return Node("*", (minus, _node(inner, text)))
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            return Node("^", (_node(left, text),), _number(right, text))
+            powers = _node(right, text).factors()
+            if any(one.head != "number" for one in powers):
+                refuse(text, f"a number is missing instead of '{ast.unparse(right)}'")
+            return Node("^", (_node(left, text),), math.prod(one.value for one in powers))
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _JOINED:
             head, made = _JOINED[type(op)]
             first, second = _node(left, text), made(_node(right, text))
@@ -134,15 +138,6 @@ _JOINED: dict[type[ast.operator], tuple[str, Callable[[Node], Node]]] = {
     ast.Mult: ("*", lambda node: node),
     ast.Div: ("*", lambda node: Node("^", (node,), -1.0)),
 }
-
-
-def _number(tree: ast.expr, text: str) -> float:
-    match tree:
-        case ast.Constant(value=int() | float() as value):
-            return float(value)
-        case ast.UnaryOp(op=ast.USub(), operand=inner):
-            return -_number(inner, text)
-    return refuse(text, f"a number is missing instead of '{ast.unparse(tree)}'")
 
 
 def formula_terms(text: str, joints: int) -> dict[str, Node]:

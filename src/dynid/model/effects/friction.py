@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def friction_parameters(robot: Robot) -> tuple[Parameter, ...]:
         if np.count_nonzero(share) > 1:
             units = {"Imc": "kg m^2", "fvc": "N m s/rad", "fcc": "N m"}
             parameters += [
-                Parameter(kind, k + 1, unit, f"{kind}{k + 1}", tuple(share.tolist()))
+                replace(numbered(kind, k + 1, unit), share=tuple(share.tolist()))
                 for kind, unit in units.items()
             ]
     return tuple(parameters)

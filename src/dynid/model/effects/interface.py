@@ -97,9 +97,7 @@ class Effect:
 
     def grid(self, motion: ArmMotion, joints: Joints) -> Shapes:
         """Return the shapes that are tried; one empty shape when it is linear."""
-        if self.shapes_of is not None:
-            return self.shapes_of(motion, joints[0])
-        return list(self.shapes)
+        return self.shapes_of(motion, joints[0]) if self.shapes_of else list(self.shapes)
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""

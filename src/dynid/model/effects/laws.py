@@ -47,12 +47,8 @@ def wave_shapes(motion: ArmMotion, joint: int, highest: float = tuning.FASTEST_W
     travel = float(np.ptp(motion.q[:, joint]))
     if travel < tuning.STILL_JOINT_RAD:
         return []
-    return [
-        {"k": float(k)}
-        for k in np.arange(
-            tuning.SLOWEST_WAVE_PHASE_RAD / travel, highest, tuning.WAVE_SPACING_RAD / travel
-        )
-    ]
+    first, step = tuning.SLOWEST_WAVE_PHASE_RAD / travel, tuning.WAVE_SPACING_RAD / travel
+    return [{"k": k} for k in np.arange(first, highest, step).tolist()]
 
 
 def spring_forms(shape: Shape) -> tuple[str, ...]:
