@@ -192,16 +192,18 @@ def test_torques_at_rest_of_the_seven_joint_arm_have_nineteen_parameters_with_of
     "name", ["staubli_tx40", *(pytest.param(x, marks=pytest.mark.slow) for x in REAL)]
 )
 def test_base_columns_times_relations_give_the_whole_regressor(name):
-    """Columns of the TX40's coupled motors take part like any."""
+    """Columns of the TX40's coupled motors take part like any; none is nearly made of others."""
     model = build_model(load_robot(name))
     found = base_parameters(model)
     P = model.regressor(*random_states(model.robot, 20, seed=7)).reshape(-1, model.size)
-    assert P[:, found.base] @ found.K == pytest.approx(P, abs=1e-9 * np.abs(P).max())
+    base = P[:, found.base]
+    assert base @ found.K == pytest.approx(P, abs=1e-9 * np.abs(P).max())
+    assert np.linalg.cond(base / np.linalg.norm(base, axis=0)) < 20
 
 
 def test_the_result_does_not_depend_on_the_seed():
     model = build_model(GEN2)
-    first, second = (reduce(model, seed=seed) for seed in (0, 99))
+    first, second = reduce(model), reduce(model, seed=99)
     assert first.base.tolist() == second.base.tolist()
     assert pytest.approx(second.K, abs=1e-9) == first.K
 
