@@ -92,28 +92,25 @@ class Draws:
 
     def facts(self) -> dict[str, Any]:
         """Return ranges and correlations for those who randomise themselves, and the size of a random torque."""
-        spread = self.x.std(axis=0)
-        moving = np.flatnonzero(spread > 0.0)
-        unit = (self.x[:, moving] - self.x[:, moving].mean(axis=0)) / spread[moving]
-        low, middle, high = np.quantile(self.x, [0.05, 0.5, 0.95], axis=0)
-        error = self.result.model_error
-        left = np.zeros(len(self.noise)) if error is None else error.rms[:, -1]
+        moving = np.flatnonzero(self.x.std(axis=0) > 0.0)
+        correlation = np.corrcoef(self.x[:, moving], rowvar=False)
+        ranges = np.quantile(self.x, [0.05, 0.5, 0.95], axis=0).tolist()
+        error, names = self.result.model_error, self.result.robot.joint_names
+        left = 0.0 * self.noise if error is None else error.rms[:, -1]
         return {
             "schema": "dynid/draws/1",
             "robot": self.result.robot.name,
             "seed": self.seed,
             "draws": len(self),
             "parameters": [
-                {"name": name, "p05": float(a), "median": float(b), "p95": float(c)}
-                for name, a, b, c in zip(self.names, low, middle, high, strict=True)
+                {"name": name, "p05": low, "median": middle, "p95": high}
+                for name, low, middle, high in zip(self.names, *ranges, strict=True)
             ],
             "correlated": [self.names[k] for k in moving],
-            "correlation": np.round(unit.T @ unit / len(unit), 4).tolist(),
+            "correlation": np.round(correlation, 4).tolist(),
             "random_torque_nm": [
-                {"joint": joint, "noise_rms": float(noise), "residual_model_rms": float(rms)}
-                for joint, noise, rms in zip(
-                    self.result.robot.joint_names, self.noise, left, strict=True
-                )
+                {"joint": joint, "noise_rms": noise, "residual_model_rms": rms}
+                for joint, noise, rms in zip(names, self.noise.tolist(), left.tolist(), strict=True)
             ],
         }
 

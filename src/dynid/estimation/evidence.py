@@ -61,7 +61,7 @@ def evidence_of(result: Identified) -> Evidence:
         robot=robot.source or str(robot.path or robot.slug),
         result=str(result.path) if result.path.name else "",
         logs=tuple(found_path(result, name) for name in header.get("logs", [])),
-        joints=_joints(result),
+        joints=joint_evidence(result),
         repeats=None if unknown else bool(header.get("noise_repeats_s", 0.0)),
         fitted=result.relative_error_percent,
         unseen=_held_out(result),
@@ -85,7 +85,8 @@ def evidence_of(result: Identified) -> Evidence:
     )
 
 
-def _joints(result: Identified) -> tuple[JointEvidence, ...]:
+def joint_evidence(result: Identified) -> tuple[JointEvidence, ...]:
+    """Return what is known of each joint on the training logs, in the units that its torques are shown in."""
     joints, noise = [], result.header.get("noise_floor_nm") or ()
     for quality, joint, size, floor in zip_longest(
         result.joints, result.robot.joints, result.robot.shown_gains, noise[: result.robot.n]

@@ -58,14 +58,6 @@ class ExpectedError:
     exciting_percent: float
     noise: Floats
 
-    def facts(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {
-            "fitted_motion_percent": self.fitted_percent,
-            "exciting_motion_percent": self.exciting_percent,
-            "noise_nm": self.noise.tolist(),
-        }
-
 
 @dataclass(frozen=True)
 class JointQuality(JointError):

@@ -16,6 +16,7 @@ from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact, reading
 from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
+from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter
 
@@ -131,6 +132,16 @@ class JointError:
     rms: float
     relative_percent: float
     torque_rms: float
+
+    def facts(self, robot: Robot, **more: float | None) -> dict[str, Any]:
+        """Return it for JSON with more torques, in amperes where only the ratios of the gains are known."""
+        gain = robot.shown_gains[robot.joint_names.index(self.joint)]
+        unit = "a" if robot.torque.relative else "nm"
+        torques = {name: x for name, x in vars(self).items() if name.endswith("rms")} | more
+        facts = {f"{name}_{unit}": x and x / gain for name, x in torques.items()}
+        facts["relative_error_percent"] = self.relative_percent
+        # Of a joint without torque in the log nothing is known.
+        return {"joint": self.joint, **(facts if self.torque_rms else dict.fromkeys(facts))}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynid.answer import Answer, Judged, judged, picked
 from dynid.disk import write_text
 from dynid.estimation.draws import Draws, draws
-from dynid.estimation.evidence import evidence_of
+from dynid.estimation.evidence import evidence_of, joint_evidence
 from dynid.estimation.identified import USED, Identified
 from dynid.estimation.least_squares import counted
 from dynid.files import typed
@@ -79,46 +79,35 @@ class Identification(Identified, Judged):
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid identify`` says about it."""
-        floors = self.header.get("noise_floor_nm") or ()
-        keys = {
-            "rms_nm": "rms",
-            "torque_rms_nm": "torque_rms",
-            "relative_error_percent": "relative_percent",
-            "heldout_rms_nm": "heldout_rms",
-        }
+        robot, floors = self.robot, self.header.get("noise_floor_nm") or ()
+        noise = "noise_a" if robot.torque.relative else "noise_nm"
         held = "heldout_relative_error_percent"
-        conditions = "condition_number", "condition_number_scaled"
         return {
             "schema": "dynid/identify/1",
-            "robot": self.robot.name,
-            **picked(self, "method", "rank", "samples", *conditions),
-            **picked(self, "relative_error_percent", "heldout", held, "in_force"),
+            "robot": robot.name,
+            **picked(self, "method", "rank", "samples", "heldout", held, "in_force"),
+            **picked(self, "condition_number", "condition_number_scaled", "relative_error_percent"),
             "joints": [
-                {
-                    "joint": joint.joint,
-                    # Of a joint without torque in the log nothing is known.
-                    **(picked(joint, **keys) if joint.torque_rms else dict.fromkeys(keys)),
-                    "noise_floor_nm": floor or None,
-                }
+                joint.facts(robot, noise_floor=floor or None)
                 for joint, floor in zip_longest(self.joints, floors)
             ],
             "parameters": self.parameter_rows(),
             "physically_consistent": self.in_force == "physical",
             f"{held}_by_set": {"physical": None, "plain": None, self.in_force: getattr(self, held)},
-            "expected_torque_error": self.expected.facts(),
+            "expected_torque_error": {
+                "fitted_motion_percent": self.expected.fitted_percent,
+                "exciting_motion_percent": self.expected.exciting_percent,
+                noise: (self.expected.noise / robot.shown_gains).tolist(),
+            },
             "residual_model": self.residual_facts(),
             "links": self.links(),
             "findings": [asdict(finding) for finding in self.findings],
             "judgement": self.judgement.facts(),
         }
 
-    def answer(self, facts: Mapping[str, Any] | None = None) -> Answer:
-        """Return what ``dynid identify`` answers about it.
-
-        Args:
-            facts: its facts where they are in other units.
-        """
-        facts = facts or self.facts()
+    def answer(self) -> Answer:
+        """Return what ``dynid identify`` answers about it."""
+        facts = self.facts()
         total, held = self.relative_error_percent, self.heldout_relative_error_percent
         held_out = "" if held is None else f", held out {held:.2f} % ({self.heldout})"
         mass = f"{sum(link['mass_kg'] for link in facts['links']):.3g} kg in all"
@@ -145,9 +134,8 @@ class Identification(Identified, Judged):
 
     def _joint_table(self, joints: Sequence[Mapping[str, Any]]) -> Table:
         """Return the joints of the JSON answer as a person reads them."""
-        unit, floor = "a" if "rms_a" in joints[0] else "nm", "noise level"
-        if self.header.get("noise_repeats_s"):
-            floor = "noise"
+        unit = "a" if self.robot.torque.relative else "nm"
+        floor = "noise" if self.header.get("noise_repeats_s") else "noise level"
         columns = {
             "joint": "joint",
             "rms error": f"rms_{unit}",
@@ -156,12 +144,10 @@ class Identification(Identified, Judged):
             "error %": "relative_error_percent",
             "held out": f"heldout_rms_{unit}",
         }
-        relative = self.robot.torque.relative
-        units = ["A" if relative else joint.torque_unit for joint in self.robot.joints]
         return Table(
             [
-                {head: row[key] for head, key in columns.items()} | {"unit": each}
-                for row, each in zip(joints, units, strict=True)
+                {head: row[key] for head, key in columns.items()} | {"unit": known.unit}
+                for row, known in zip(joints, joint_evidence(self), strict=True)
             ]
         )
 
@@ -191,9 +177,6 @@ class Identification(Identified, Judged):
         header = {
             **(facts or {}),
             **self.header,
-            "cutoff_hz": self.cutoff,
-            "delay_applied_s": self.delay,
-            "log_sha256": list(self.log_sha256),
             "result": {name: packed(getattr(self, name), arrays, name) for name in names},
             "robot_file": text_of(self.robot),
             "robot_path": str(self.robot.path or ""),
@@ -260,10 +243,8 @@ class Identification(Identified, Judged):
         return result
 
 
-def _digits(value: float, error: float | None) -> float | None:
+def _digits(value: float, error: float | None) -> float:
     """Keep two digits of the error: more would pretend a knowledge that is not there."""
-    if not np.isfinite(value):
-        return None
-    if not error or not np.isfinite(error):
+    if not error:
         return float(f"{value:.6g}")
     return round(value, max(0, 1 - int(np.floor(np.log10(error))))) + 0.0

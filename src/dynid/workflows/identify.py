@@ -61,7 +61,6 @@ from dynid.workflows.parameters import (
     Observations,
     gain_facts,
     gains_of,
-    in_amperes,
     load_observations,
     log_inputs,
     observe,
@@ -403,7 +402,8 @@ def _answer(
     """Return what ``dynid identify`` answers: gains of the drives where they were found, the arm, and its load."""
     parts, notes, robot = list[Part](), list[tuple[str, str]](), result.robot
     delays = ("delay_s", "delay_std_error_s", "delay_applied_s")
-    facts = result.facts() | {key: result.header.get(key) for key in delays}
+    answer = result.answer()
+    facts = {**answer.facts, **{key: result.header.get(key) for key in delays}}
     facts |= {"folder": result.path.parent, "inputs": inputs}
     if gains is not None:
         facts |= gain_facts(robot, gains)
@@ -423,8 +423,8 @@ def _answer(
         rows = [dict(zip(heads, row, strict=True)) for row in numbers]
         title = "load on the last link, in its frame (inertia about the centre of mass)"
         load = [*payload.findings(), "", title, Table(rows)]
-    answer = result.answer(in_amperes(facts, robot))
-    return replace(answer, parts=(*parts, *answer.parts, *load), notes=notes, wrote=wrote)
+    parts += [*answer.parts, *load]
+    return replace(answer, facts=facts, parts=parts, notes=notes, wrote=wrote)
 
 
 def _inputs(

@@ -330,29 +330,3 @@ def torque_unit(robot: Robot) -> str:
     if robot.torque.relative:
         return "A"
     return " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
-
-
-def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
-    """Return a JSON answer with torques in amperes where only ratios of the gains are known: ``_nm`` becomes ``_a``."""
-    if not robot.torque.relative or robot.torque.gain is None:
-        return facts
-    scale = dict(zip(robot.joint_names, robot.shown_gains, strict=True))
-
-    def renamed(value: Any, gain: float) -> Any:  # noqa: ANN401
-        if isinstance(value, (list, tuple)):
-            return [renamed(inner, gain) for inner in value]
-        if not isinstance(value, dict):
-            return value
-        gain = scale.get(str(value.get("joint")), gain)
-        facts = {}
-        for key, inner in value.items():
-            if key.endswith("_nm"):
-                key = f"{key[:-3]}_a"
-                if isinstance(inner, list):  # one per joint
-                    inner = np.divide(inner, robot.shown_gains).tolist()
-                elif isinstance(inner, float):
-                    inner /= gain
-            facts[key] = renamed(inner, gain)
-        return facts
-
-    return renamed(facts, 1.0)

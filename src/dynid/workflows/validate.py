@@ -42,7 +42,6 @@ from dynid.signals.motion import same_motion
 from dynid.table import Table
 from dynid.workflows.export import identified_arm
 from dynid.workflows.options import ValidateOptions
-from dynid.workflows.parameters import in_amperes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,24 +148,14 @@ class Validation(Judged):
 
     def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid validate`` says."""
-        answer = {
+        return {
             "robot": self.robot.name,
             **picked(self, "relative_error_percent", "same_motion", "baseline"),
             **picked(self, expected_relative_error_percent="expected_percent", cutoff_hz="cutoff"),
-            "joints": [
-                picked(
-                    joint,
-                    "joint",
-                    rms_nm="rms",
-                    relative_error_percent="relative_percent",
-                    baseline_rms_nm="baseline_rms",
-                )
-                for joint in self.joints
-            ],
+            "joints": [joint.facts(self.robot) for joint in self.joints],
             "judgement": self.judgement.facts(),
             "passed": not self.broken,
         }
-        return in_amperes(answer, self.robot)
 
     def folder(self, parent: Path) -> Path:
         """Return where its files go: named after the log, and after its hash where another log has that name."""

@@ -12,7 +12,6 @@ from dynid.errors import NotPhysical, WrongUsage
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.exporters import FORMATS
-from dynid.workflows.parameters import in_amperes
 
 
 @pytest.mark.parametrize(
@@ -50,7 +49,7 @@ def test_without_gains_nothing_is_in_kilograms(result, tmp_path):
     currents = replace(result, robot=replace(result.robot, torque=torque))
     with pytest.raises(NotPhysical, match="sizes of masses and inertias are unknown"):
         export(currents, tmp_path / "arm.urdf")
-    facts = in_amperes(currents.facts(), currents.robot)
+    facts = currents.facts()
     units = {row["unit"] for row in facts["parameters"]}
     assert units <= {"A s^2/m^2", "A s^2/m", "A s^2/rad^2", "A", "A s/rad"}
     noise = result.expected.noise / (1.0, 2.0)
