@@ -142,13 +142,12 @@ def saved(
     # Why: pictures of another motion beside this one would be taken for pictures of it.
     for old in {path.parent / name for name in PICTURES} - {*pictures}:
         old.unlink(missing_ok=True)
-    marked = planned if seen is None else planned.accepted(seen=seen)
-    path, *others = marked.save(path, inputs)
+    path, *others = planned.save(path, inputs, seen=seen)
     session.wrote(path, note=f"reviewed: {MARKS[seen]}")
     session.wrote(*others)
     step = workflows.trajectory.next_step(planned.robot, path, reviewed=seen is not None)
     session.written.extend(pictures)
-    return Answer(marked.facts() | {"reviewed": seen is not None}, next=[step])
+    return Answer(planned.facts() | {"reviewed": seen is not None}, next=[step])
 
 
 def reviewed(

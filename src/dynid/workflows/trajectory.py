@@ -26,7 +26,6 @@ from dynid.files.gapfile import read_record
 from dynid.files.planfile import Waypoints, read_plan, read_waypoints
 from dynid.files.robotfile import robot_text
 from dynid.files.trajectoryfile import (
-    Review,
     StoredTrajectory,
     read_trajectory,
     write_csv,
@@ -129,11 +128,9 @@ class Plan(Answered, SafeMotion):
         prediction: expected standard errors and torque error of a log of it.
         alphas: what each speed factor costs.
         noise_from: where the noise of the torques comes from, in words.
-        weakest: base parameter whose error costs the most torque on other motions.
         search: how the motion was found, as the JSON answer says it; None when a person gave the path.
         outlook: how much better a second gap search will be, in words.
         unexplained: rms torque that an earlier result leaves whatever the parameters [N m or N]; None without one.
-        review: who accepted the motion; None when nobody has.
     """
 
     motion: Motion
@@ -141,11 +138,9 @@ class Plan(Answered, SafeMotion):
     prediction: Prediction
     alphas: tuple[AlphaRow, ...]
     noise_from: str
-    weakest: str
     search: Facts | None
     outlook: tuple[str, ...]
     unexplained: float | None
-    review: Review | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -170,6 +165,12 @@ class Plan(Answered, SafeMotion):
         return f"{text}, more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
 
     @property
+    def weakest(self) -> str:
+        """The base parameter whose error costs the most torque on other motions."""
+        costs = self.prediction.std_error * np.sqrt(np.diag(self.context.other))
+        return self.context.base.names[int(np.argmax(costs))]
+
+    @property
     def noise_rms(self) -> float:
         """The noise of one sample, rms of all joints [N m or N]."""
         return float(np.sqrt(np.mean(self.context.noise**2)))
@@ -178,10 +179,6 @@ class Plan(Answered, SafeMotion):
     def at_full_speed(self) -> AlphaRow:
         """What the motion costs and teaches at full speed."""
         return next(row for row in self.alphas if row.alpha == 1.0)
-
-    def accepted(self, *, seen: bool = True) -> Plan:
-        """Return the plan with the mark of the person at this machine, who has seen it, or accepts it unseen."""
-        return replace(self, review=Review.now(self.motion, seen=seen))
 
     def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid trajectory`` says."""
@@ -223,7 +220,13 @@ class Plan(Answered, SafeMotion):
             "outlook": list(self.outlook),
         }
 
-    def save(self, path: Path | str, inputs: Mapping[str, str] | None = None) -> list[Path]:
+    def save(
+        self,
+        path: Path | str,
+        inputs: Mapping[str, str] | None = None,
+        *,
+        seen: bool | None = None,
+    ) -> list[Path]:
         """Write trajectory.npz, and the same motion as CSV and for ROS beside it.
 
         For ROS: a JointTrajectory as ROS 1 and as ROS 2 spell it, and the goal of a FollowJointTrajectory of ROS 2.
@@ -231,14 +234,14 @@ class Plan(Answered, SafeMotion):
         Args:
             path: the .npz file.
             inputs: what the plan was made from, for the header.
+            seen: whether the person at this machine, who accepts the motion, has seen it; None where nobody accepts it.
         """
         path, answer = Path(path), self.facts()
         endings = (".csv", ".yaml", "_ros2.yaml", "_ros2_goal.yaml")
-        table, ros1, ros2, goal = (path.with_name(f"{path.stem}{ending}") for ending in endings)
+        table, *for_ros = (path.with_name(f"{path.stem}{ending}") for ending in endings)
         write_csv(table, self.robot.joint_names, self.motion)
-        write_joint_trajectory(ros1, self.robot, self.motion)
-        write_joint_trajectory(ros2, self.robot, self.motion, ros=2)
-        write_joint_trajectory(goal, self.robot, self.motion, ros=2, goal=True)
+        for file, ros, goal in zip(for_ros, (1, 2, 2), (False, False, True), strict=True):
+            write_joint_trajectory(file, self.robot, self.motion, ros=ros, goal=goal)
         stored = StoredTrajectory(
             robot=self.robot.name,
             joints=self.robot.joint_names,
@@ -246,7 +249,6 @@ class Plan(Answered, SafeMotion):
             alpha=self.trajectory.alpha,
             basis=self.trajectory.basis.facts,
             coefficients=self.trajectory.coefficients,
-            review=self.review,
             facts={
                 "answer": answer,
                 "inputs": dict(inputs or {}),
@@ -255,8 +257,8 @@ class Plan(Answered, SafeMotion):
                 "assumed_limits": answer["assumed_limits"],
             },
         )
-        write_trajectory(path, stored)
-        return [path, table, ros1, ros2, goal]
+        write_trajectory(path, stored if seen is None else stored.accepted(seen=seen))
+        return [path, table, *for_ros]
 
     def table(self) -> Table:
         """Return the largest values of each joint, and the share of the nearest limit that they use."""
@@ -362,19 +364,17 @@ def _information(
     Returns:
         Both as matrices, (p, p); the first is None without any result.
     """
-    total: Floats | None = None
-    prior = prior_information(base)
     for result in results:
         base.robot.require_joints(result.robot.joint_names, result.label)
         if tuple(result.names) != base.names:
             what = f"{result.path} has other base parameters than the motion is planned with"
             fix = "identify again with this robot file, without `effects:`, or leave out --earlier"
             raise WrongUsage(what, fix=fix)
-        information = known_of(result)[0]
-        prior = prior * (result.in_force != "physical")
-        total = information if total is None else total + information
         stage("earlier", f"{result.path}: the new motion is planned to complete it")
-    return total, prior if total is None else total + prior
+    known = [known_of(result)[0] for result in results]
+    held = any(result.in_force == "physical" for result in results)
+    prior = [] if held else [prior_information(base)]
+    return np.sum(known, axis=0) if known else None, np.sum([*known, *prior], axis=0)
 
 
 # ---------------------------------------------------------------- what is asked
@@ -480,14 +480,18 @@ def plan_trajectory(
             "share": chosen.share,
         }
     expected = [float(np.sqrt(np.mean(each.expected.noise**2))) for each in results[:1]]
+    motion = chosen.trajectory.sampled(options.rate)
+    samples = len(chosen.trajectory.slowed(1.0).sampled(options.rate))
+    other, known = context.other, context.believed
     plan = Plan(
         context=context,
         trajectory=chosen.trajectory,
         clearance=clearance,
         urdf=urdf,
-        motion=chosen.trajectory.sampled(options.rate),
+        motion=motion,
         check=check,
-        **_predicted(context, chosen.trajectory),
+        prediction=predict(context.base, motion, noise, other, known),
+        alphas=alpha_table(chosen.trajectory, context.base, noise, other, samples, known),
         noise_from=source,
         search=search,
         unexplained=expected[0] if expected else None,
@@ -507,17 +511,6 @@ def _without_effects(base: BaseModel) -> BaseModel:
         return base
     stage("effects", "the motion is planned without those of the robot file")
     return base_model(replace(base.robot, effects=()))
-
-
-def _predicted(context: PlanningContext, trajectory: Trajectory) -> Facts:
-    """Return what of a plan says what it will teach, by name."""
-    base, noise, rate = context.base, context.noise, context.options.rate
-    other, known = context.other, context.believed
-    prediction = predict(base, trajectory.sampled(rate), noise, other, known)
-    samples = len(replace(trajectory, alpha=1.0).sampled(rate))
-    alphas = alpha_table(trajectory, base, noise, other, samples, known)
-    weakest = int(np.argmax(prediction.std_error * np.sqrt(np.diag(other))))
-    return {"prediction": prediction, "alphas": alphas, "weakest": base.names[weakest]}
 
 
 # ---------------------------------------------------------------- motions planned before
