@@ -16,6 +16,7 @@ from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
 from dynid.estimation.evidence import evidence_of, found_path, with_paths
 from dynid.estimation.payload import find_payload
+from dynid.estimation.prediction import check, concatenated
 from dynid.estimation.result import Identification
 from dynid.files import packaged
 from dynid.files.artifact import kind_of
@@ -170,9 +171,9 @@ class Gap(Judged, GapRecord):
         names = self.joint_names
         return {
             **picked(self, "robot", "mode", "question", "asked", "verdict", "advice"),
-            **picked(self, kept_relative_error_percent="kept"),
-            **picked(self, expected_relative_error_percent="expected"),
             **picked(self, "clues", "alternatives", "not_repeatable"),
+            "kept_relative_error_percent": self.kept,
+            "expected_relative_error_percent": self.expected,
             "where": [
                 {"joint": names[one.joint], **picked(one, "share", "chi", region="text")}
                 for one in self.joints
@@ -294,8 +295,8 @@ class Gap(Judged, GapRecord):
         own = replace(self.signals, delay=before.delay, cutoff=cutoff)
         if not any(spec.effect == "torque_delay" for spec in specs):
             late = before.delay
-        unseen = {id(log) for log in self.unseen_logs}
-        fitted = [log for log in self.recordings if id(log) not in unseen]
+        unseen = self.unseen_logs
+        fitted = [log for log in self.recordings if log not in unseen]
         model = problem.base.model
         logs = on_one_clock(condition_logs(fitted, model, replace(own, delay=late)))
         earlier = condition_logs(self.before, model, own) if self.before else []
@@ -503,8 +504,8 @@ class _Search:
             analysis = with_counterbalances(analysis, self._suspected(analysis))
         if kept and earlier:
             analysis = self._with_reestimated_payload(analysis, logs)
-        gap = self._recorded(analysis, question, why)
-        return replace(gap, recordings=tuple(logs), before=tuple(earlier), signals=options)
+        read = Gap(searched=result, recordings=tuple(logs), before=tuple(earlier), signals=options)
+        return self._recorded(read, analysis, question, why)
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
@@ -524,8 +525,7 @@ class _Search:
         # Why asked of what a name explains as well: a cylinder imitates a spring on the motions of the search alone.
         as_well = not any(one.rivals for one in sought) or analysis.left <= gap.analysis.left
         if as_well and any(one.name == COUNTERBALANCE for one in analysis.named):
-            of_arm = self._recorded(analysis, "arm", why)
-            return replace(of_arm, recordings=gap.recordings, signals=gap.signals)
+            return self._recorded(gap, analysis, "arm", why)
         return _with_likely(replace(gap, asked=why), sought)
 
     def _suspected(self, analysis: GapAnalysis) -> list[Suspicion]:
@@ -538,11 +538,11 @@ class _Search:
         every = suspicions(search.problem, search.selected)
         return [one for one in every if clean[one.joint] and (not joints or one.joint in joints)]
 
-    def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
-        """Return an analysis as the answer to a question, without logs and signals."""
+    def _recorded(self, read: Gap, analysis: GapAnalysis, question: str, why: str) -> Gap:
+        """Return an analysis of what was read as the answer to a question."""
         record = record_of(analysis, self.result, question, why)
         flags = self.options.flags("ask", "mode", "effects", "joints", "false_alarm", "max_effects")
-        return Gap(**vars(record) | {"flags": flags}, analysis=analysis, searched=self.result)
+        return replace(read, **vars(record) | {"flags": flags}, analysis=analysis)
 
     def _conditioned(
         self, logs: Sequence[Log], options: GapOptions, arm: Robot
@@ -624,10 +624,9 @@ class _Search:
     def _errors(self, result: Identification, gap: Gap) -> Floats:
         """Return the error of each joint on what was held out, with the filter of the search, (n,) [N m or N]."""
         replays = self._replays(gap.unseen_logs, result, gap.signals.cutoff)
-        counts = np.array([each.motion.usable.sum(axis=0) for each in replays])
-        squares = np.array([[joint.rms**2 for joint in each.joints] for each in replays])
-        mean = np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0))
-        return np.sqrt(mean)
+        motion = concatenated([each.motion for each in replays])
+        joints, _ = check(motion, motion.tau_measured, gap.joint_names)
+        return np.array([joint.rms for joint in joints])
 
     @heard_by()
     def _replays(
