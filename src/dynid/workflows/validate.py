@@ -257,6 +257,7 @@ def validate(
         measured, baseline = motion.tau_measured, "a constant torque"
         simpler = np.broadcast_to(measured.mean(axis=0), measured.shape)
     joints, total = prediction.check(motion, simpler, base.robot.joint_names)
+    known = evidence_of(result)
     return Validation(
         robot=base.robot,
         log=where,
@@ -270,17 +271,23 @@ def validate(
         same_motion=any(same_motion(one, log_motion(replayed)) for one in result.motions),
         start_ns=int(log.extra.get("start_ns", 0)),
         of=fingerprint(result),
-        known=evidence_of(result),
-        broken=tuple(_broken(joints, total, options)),
+        known=known,
+        broken=tuple(_broken(joints, total, options, base.robot, known)),
     )
 
 
-def _broken(joints: Sequence[JointCheck], total: float, options: ValidateOptions) -> Iterator[str]:
-    """Yield limits that errors of joints [N m or N] and the total error [%] do not meet."""
+def _broken(
+    joints: Sequence[JointCheck],
+    total: float,
+    options: ValidateOptions,
+    robot: Robot,
+    known: Evidence,
+) -> Iterator[str]:
+    """Yield limits that errors of joints, as they are shown, and the total error [%] do not meet."""
     most, share = options.max_rms, options.max_unexplained
-    for joint in joints:
-        if most is not None and joint.rms > most:
-            yield f"{joint.joint}: rms error {joint.rms:.3g} N m > {most:g}"
+    for joint, gain, own in zip(joints, robot.shown_gains, known.joints, strict=True):
+        if most is not None and joint.rms / gain > most:
+            yield f"{joint.joint}: rms error {joint.rms / gain:.3g} {own.unit} > {most:g}"
     if share is not None and total > 100 * share:
         yield f"total relative error {total:.2f} % > {100 * share:g} %"
 
