@@ -187,6 +187,11 @@ class Evidence:
         return self.gap or GapRecord()
 
     @property
+    def amperes(self) -> bool:
+        """Whether torques are amperes, so that the sizes of masses are unknown."""
+        return any(joint.unit == "A" for joint in self.joints)
+
+    @property
     def or_more(self) -> str:
         """What follows a noise level: without repeats it is a lower bound."""
         source = self.gap_evidence if self.asked == "gap" else self

@@ -7,7 +7,7 @@ pasted, and with the lights that it may turn green: a later step for lights that
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +38,7 @@ def answer(e: Evidence) -> str:
     """Return the answer to what was asked; what makes every other answer wrong goes before it."""
     if e.alarms:
         return "The robot file does not describe the arm of these logs."
-    if e.asked == "gap" and e.gap is not None:
+    if e.asked == "gap":
         return of_gap(e)
     if e.asked == "replay" and e.unseen:
         return of_replay(e.unseen[-1], e)
@@ -207,7 +207,7 @@ def likely_effect(one: GapEffect) -> str:
 # ---------------------------------------------------------------- why
 def reasons(e: Evidence, sentence: str) -> Iterator[str]:
     """Yield why, in numbers beside what they are compared with; what the answer says is not said again."""
-    if e.asked == "gap" and e.gap is not None:
+    if e.asked == "gap":
         yield from _gap_reasons(e)
         return
     tested = e.unseen[-1] if e.asked == "replay" and e.unseen else e.worst_elsewhere
@@ -311,7 +311,8 @@ def steps(e: Evidence) -> Iterator[Step]:
         why = "Search for missing effects; two recordings of one motion measure the noise."
         yield Step(why, e.search, ("complete",))
     if "bad" not in states.values() and states["unseen motion"] == "good":
-        command = f"{shell('dynid', 'export', e.run)} --format urdf"
+        # Why: a file with bodies holds kilograms, which nobody knows where torques are amperes.
+        command = f"{shell('dynid', 'export', e.run)} --format {'c' if e.amperes else 'urdf'}"
         yield Step("Use the model in a simulator or a controller.", command)
 
 
@@ -319,7 +320,7 @@ def _doubt_steps(e: Evidence) -> Iterator[Step]:
     doubtful = tuple(name for name in ("physics", "fit") if e.states[name] not in ("good", OPEN))
     if doubtful and not e.searched:
         yield Step("Search for the missing effect.", e.search, (*doubtful, "complete"))
-    elif doubtful:
+    elif doubtful and not e.amperes:
         shares = [joint.percent or 0.0 for joint in e.joints]
         # The one whose joint is fitted worst; 2 where none is known.
         link = shares.index(max(shares)) + 1 if any(shares) else 2
@@ -417,9 +418,9 @@ class Judgement:
         return {
             "state": self.state,
             "sentence": self.sentence,
-            "reasons": list(self.reasons),
+            "reasons": self.reasons,
             "lights": [light.facts() for light in self.lights],
-            "warnings": list(self.warnings),
+            "warnings": self.warnings,
             "next": [{"why": step.why, "command": step.command} for step in self.steps],
         }
 
@@ -456,6 +457,5 @@ def merged(every: Iterable[Step]) -> tuple[Step, ...]:
         if not step.lights or not covered.issuperset(step.lights):
             covered.update(step.lights)
             first = kept.get(step.command, step)
-            names = tuple(dict.fromkeys((*first.lights, *step.lights)))
-            kept[step.command] = Step(first.why, step.command, names)
+            kept[step.command] = replace(first, lights=(*first.lights, *step.lights))
     return tuple(kept.values())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -173,9 +174,8 @@ def _check_robot(robot: Robot) -> Checked:
     """Describe a robot file that could be read."""
     added_effects(robot)  # Why: it raises what is wrong with them.
     tool = tool_pose(robot, np.zeros(robot.n))[:3, 3]
-    revolute = sum(joint.revolute for joint in robot.joints)
-    counts = {"revolute": revolute, "prismatic": robot.n - revolute}
-    kinds = " and ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+    counts = sorted(Counter(joint.type for joint in robot.joints).items(), reverse=True)
+    kinds = " and ".join(f"{count} {kind}" for kind, count in counts)
     kinds += f" joint{'s' * (robot.n > 1)}, {robot.convention} DH"
     place = "  ".join(f"{axis} {value:.3f}" for axis, value in zip("xyz", tool, strict=True))
     gravity = ", ".join(f"{value:g}" for value in robot.gravity)

@@ -182,7 +182,7 @@ class Gap(Judged, GapRecord):
             "closest": [one.facts() for one in self.closest],
             "formulas": [],
             "gap": {
-                "joints": list(names),
+                "joints": names,
                 **picked(
                     self.improvement,
                     heldout_before_nm="before",

@@ -35,10 +35,8 @@ from dynid.loading import (
     LogsLike,
     ResultLike,
     RobotLike,
-    as_log,
     as_result,
     as_robot,
-    checked_log,
     diagnose_logs,
     load_log,
     load_run,
@@ -242,9 +240,8 @@ def _held_out(seen: Observations, stack: Stack, options: IdentifyOptions) -> Hol
     if isinstance(kept, float):
         return last_share(stack, kept)
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
-    log = as_log(kept, base.robot, same, "holdout")
-    checked = [checked_log(log, base.robot, same, identify=False)]
-    conditioned = condition_logs(checked, base.model, same)
+    log = load_log(kept, base.robot, same, identify=False)
+    conditioned = condition_logs([log], base.model, same)
     test = stack_logs(scaled(conditioned, base, stack.first_fit.theta), base)
     return stack, test, str(log.source or "log")
 

@@ -84,10 +84,9 @@ class DerivedModel:
         reduction = self.reduction
         if reduction is None:
             return answer | dict.fromkeys(("rank", "classes", "groups"))
-        named = enumerate(zip(reduction.base_names, reduction.formulas, strict=True))
         groups = [
-            {"name": name, "terms": reduction.terms(i), "formula": formula}
-            for i, (name, formula) in named
+            {"name": name, "terms": reduction.terms(i), "formula": reduction.formulas[i]}
+            for i, name in enumerate(reduction.base_names)
         ]
         classes = picked(reduction, "alone", "none", "combined")
         return {**answer, **picked(reduction, "rank", "gap"), "classes": classes, "groups": groups}
