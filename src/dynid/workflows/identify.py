@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,6 @@ from dynid.loading import (
     load_run,
     read_log,
 )
-from dynid.log import Log
 from dynid.model.attached import attached
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import expected_torque
@@ -352,14 +350,10 @@ def identify_run(
     arm, known = resolved(robot, options, unloaded or earlier)
     # Why not all of it: a result is made from the file of the prior, which may change.
     options = replace(options, cutoff=known.cutoff, delay=known.delay)
-
-    @cache
-    def logs() -> list[Log]:
-        stage("read")
-        return [read_log(path, arm, options) for path in paths]
-
+    stage("read")
+    logs = [read_log(path, arm, options) for path in paths]
     wrote: list[Path] = []
-    gains, robot = gains_of(arm, logs if paths else list, options, models), arm
+    gains, robot = gains_of(arm, logs, options, models), arm
     if gains is not None:
         written, robot = write_robot(folder, arm, gains)
         wrote.append(written)
@@ -373,7 +367,7 @@ def identify_run(
         notice((*noticed, *result.findings))
     else:
         if paths:
-            seen = observe(robot, logs(), options, base=base, drop_weak=options.drop_weak)
+            seen = observe(robot, logs, options, base=base, drop_weak=options.drop_weak)
         else:
             seen = load_observations(RunFolder(folder).stack, base)
         result = identify(robot, seen, options, update=earlier)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -262,7 +262,7 @@ def log_inputs(robot: Robot, logs: Sequence[Path]) -> dict[str, str]:
 
 def gains_of(
     robot: Robot,
-    logs: Callable[[], list[Log]],
+    logs: Sequence[Log],
     options: IdentifyRunOptions,
     folder: Path,
 ) -> Gains | None:
@@ -270,7 +270,7 @@ def gains_of(
 
     Args:
         robot: the arm; gains that it knows stay as they are.
-        logs: reads the logs.
+        logs: the logs as they were recorded.
         options: how they are checked and filtered; a further log with a body of known mass on the last link, and that
             mass; the robot file's tool without.
         folder: where the model is kept.
@@ -279,9 +279,7 @@ def gains_of(
         WrongUsage: the gains cannot be found for this arm, or a load is given for logs that need none.
     """
     current, loaded = robot.torque.source == "motor_current", options.loaded
-    if robot.torque.complete or not any(
-        current or holds_currents(log, robot) for log in logs()[:1]
-    ):
+    if robot.torque.complete or not any(current or holds_currents(log, robot) for log in logs[:1]):
         if loaded:
             what = "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains"
             raise WrongUsage(what, fix="to identify a load: --payload-from RESULT")
@@ -291,7 +289,7 @@ def gains_of(
             "gains cannot be found with coupled motors or with some links only",
             fix="give them in the robot file: `torque: {source: motor_current, gain: [...]}`",
         )
-    given = [*logs(), *([read_log(loaded, robot, options)] if loaded else [])]
+    given = [*logs, *([read_log(loaded, robot, options)] if loaded else [])]
     robot = replace(robot, torque=replace(robot.torque, source="motor_current"))
     base = base_model(robot, folder)
     known = np.array(robot.torque.gain or (None,) * robot.n, dtype=float)
