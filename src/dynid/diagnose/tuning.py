@@ -5,11 +5,6 @@ import numpy as np
 #: Share of a joint's torque that the plain fit may leave before ``identify`` asks whether the robot file is wrong.
 #: Evidence: benchmarks/mapping.md, When does identify ask: half and double miss nothing.
 UNEXPLAINED = 0.05
-#: Share of the roughly expected weight that the fit must have found at the heaviest joint, else it is asked as well.
-#: Evidence: none yet.
-WEIGHT = 0.2
-#: Poses that the weight is compared in. Evidence: none yet.
-POSES_OF_WEIGHT = 500
 
 #: Where gravity seems to be removed, another mapping has to explain this many times more to be the likelier mistake.
 #: Evidence: none yet.

@@ -13,8 +13,9 @@ import numpy as np
 from dynid.answer import Answer, Facts, Part
 from dynid.arguments import public
 from dynid.diagnose import tuning as mapping
+from dynid.diagnose.gravity import check_gravity
 from dynid.disk import sha256, write_text
-from dynid.errors import DynidError, Finding, LogNotFound, WrongUsage
+from dynid.errors import DynidError, Finding, GravityRemoved, LogNotFound, WrongUsage
 from dynid.estimation import payload, prediction
 from dynid.estimation.drive_gains import Gains
 from dynid.estimation.estimate import (
@@ -43,7 +44,6 @@ from dynid.loading import (
 )
 from dynid.model.attached import attached
 from dynid.model.base_model import BaseModel
-from dynid.model.regressor import expected_torque
 from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
 from dynid.robot import Known, Prior, Robot
@@ -189,7 +189,7 @@ def identify(
     if robot.torque.relative:
         # Why: it is in kg, and the values are in amperes.
         result = replace(result, prior=result.prior * np.nan)
-    if _poor(result, base):
+    if _poor(result, seen, robot):
         result = replace(result, findings=(*_diagnosed(seen, robot, options), *result.findings))
     return _reported(replace(result, header=header))
 
@@ -268,7 +268,7 @@ def _diagnosed(seen: Observations, robot: Robot, options: LogOptions) -> tuple[F
     return diagnose_logs(logs, robot, options)
 
 
-def _poor(result: Identification, base: BaseModel) -> bool:
+def _poor(result: Identification, seen: Observations, robot: Robot) -> bool:
     """Return whether a fit leaves much of a joint's torque, or fits what no arm with weight would make.
 
     The plain estimate is judged, without a residual model: it leaves least, and random columns take in mistakes.
@@ -278,14 +278,12 @@ def _poor(result: Identification, base: BaseModel) -> bool:
     suspicious = {"W404", "W405", "W413"} & {finding.code for finding in result.findings}
     if np.any(left >= mapping.UNEXPLAINED * size) or suspicious:
         return True
-    if result.stack is None or base.robot.torque.source == "gravity_free":
-        return False
-    q = np.concatenate([segment.q for log in result.stack.logs for segment in log.segments])
-    q = q[:: max(1, len(q) // mapping.POSES_OF_WEIGHT)]
-    weight = base.observer.torque(result.plain, q, 0.0 * q, 0.0 * q)
-    expected = np.std(expected_torque(q, base.robot), axis=0)
-    heaviest = int(np.argmax(expected))
-    return bool(np.std(weight[:, heaviest]) < mapping.WEIGHT * expected[heaviest])
+    try:
+        for log in seen.checked:
+            check_gravity(log, robot)
+    except GravityRemoved:
+        return True
+    return False
 
 
 # ---------------------------------------------------------------- what is drawn, written and answered
