@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from dynid.answer import picked
 from dynid.estimation.result import Identification
 from dynid.reports.templating import rendered
@@ -55,12 +53,10 @@ def run_rows(names: Sequence[str], runs: Sequence[Identification]) -> list[dict[
     rows = []
     for label, run in zip(names, runs, strict=True):
         row = {"run": label, "robot": run.robot.name, **picked(run, *FIGURES)}
-        place = {name: k for k, name in enumerate(run.names)}
+        known = {each["name"]: each for each in run.parameter_rows()}
         for name in parameters:
-            k = place.get(name)
-            error = None if k is None else float(run.std_error[k])
-            row[name] = None if k is None else float(run.theta[k])
-            row[f"{name}_std_error"] = error if error is not None and np.isfinite(error) else None
+            own = known.get(name, {})
+            row |= {name: own.get("value"), f"{name}_std_error": own.get("std_error")}
         rows.append(row)
     return rows
 

@@ -210,13 +210,12 @@ def observe(
 
 @one_thread
 def load_observations(path: Path, base: BaseModel) -> Observations:
-    """Read what ``Observations.save`` wrote.
+    """Read what ``Observations.save`` wrote for this arm.
 
     Raises:
-        LogNotFound: the file is not there, or belongs to another version of the robot file.
-        NotAnArtifact: it is damaged.
+        NotAnArtifact: it is damaged, or not there.
+        JointCountDiffers: it is of another arm.
     """
-    stored_key(path, base.robot)
     conditioned, header = load_logs(path)
     base.robot.require_joints(header["joints"], path)
     stage("log", f"from {path}: {', '.join(log.path for log in conditioned)}")

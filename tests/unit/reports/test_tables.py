@@ -4,17 +4,16 @@ import csv
 import io
 from types import SimpleNamespace
 
-import numpy as np
-
 from dynid.reports.tables import runs_csv, runs_latex
 
 
-def run(names, theta, error, robot="arm_1"):
+def run(names, values, errors):
+    keys = "name", "value", "std_error"
+    rows = [dict(zip(keys, row, strict=True)) for row in zip(names, values, errors, strict=True)]
     return SimpleNamespace(
-        robot=SimpleNamespace(name=robot),
+        robot=SimpleNamespace(name="arm_1"),
         names=names,
-        theta=np.array(theta),
-        std_error=np.array(error),
+        parameter_rows=lambda: rows,
         method="wls",
         rank=len(names),
         condition_number_scaled=30.0,
@@ -30,7 +29,7 @@ def test_csv_keeps_every_digit_and_leaves_empty_what_a_run_does_not_have():
         csv.DictReader(
             io.StringIO(
                 runs_csv(
-                    ["a, b", "c"], [run(("m1",), [value], [np.inf]), run(("fv1",), [-1.5], [0.5])]
+                    ["a, b", "c"], [run(("m1",), [value], [None]), run(("fv1",), [-1.5], [0.5])]
                 )
             )
         )
@@ -44,7 +43,7 @@ def test_csv_keeps_every_digit_and_leaves_empty_what_a_run_does_not_have():
 
 def test_latex_shows_two_digits_of_the_error():
     """3.14159 known to 0.0123 is 3.142 +- 0.012; what is not determined says so."""
-    text = runs_latex(["run_1"], [run(("m1", "m2"), [3.14159, 5.0], [0.0123, np.inf])])
+    text = runs_latex(["run_1"], [run(("m1", "m2"), [3.14159, 5.0], [0.0123, None])])
     assert r"$3.142 \pm 0.012$" in text
     assert "not determined" in text
     assert r"run\_1" in text
