@@ -31,25 +31,6 @@ STEP_S = 0.01
 
 
 @dataclass(frozen=True)
-class Provenance:
-    """Where the numbers of a file come from.
-
-    Attributes:
-        version: dynid that identified them.
-        method: estimator.
-        parameter_set: ``"physical"`` or ``"plain"``.
-        relative_error_percent: 100 |tau - W theta| / |tau| of the fit [%].
-        log_sha256: hashes of the logs.
-    """
-
-    version: str
-    method: str
-    parameter_set: str
-    relative_error_percent: float
-    log_sha256: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class IdentifiedArm:
     """What is exported.
 
@@ -58,7 +39,11 @@ class IdentifiedArm:
         theta: values of the base parameters, (p,).
         known: how well each is known, ``"well"``, ``"negligible"``, ``"roughly"`` or ``"not determined"``, (p,).
         full: one body per link.
-        provenance: where the numbers come from.
+        version: dynid that identified the numbers.
+        method: estimator.
+        parameter_set: ``"physical"`` or ``"plain"``.
+        relative_error_percent: 100 |tau - W theta| / |tau| of the fit [%].
+        log_sha256: hashes of the logs.
         urdf: the user's own URDF, None to make one.
         warning: what about the numbers cannot be, where they are written all the same.
         model_error: residual model of the result, None where it has none.
@@ -69,7 +54,11 @@ class IdentifiedArm:
     theta: Floats
     known: tuple[str, ...]
     full: FullModel
-    provenance: Provenance
+    version: str
+    method: str
+    parameter_set: str
+    relative_error_percent: float
+    log_sha256: tuple[str, ...]
     urdf: Path | None = None
     warning: str = ""
     model_error: ModelError | None = None
@@ -104,11 +93,10 @@ class IdentifiedArm:
                 if holds_residual and self.residual_model
                 else "; the parameters alone, without the result's residual model"
             )
-        made = self.provenance
-        hashes = ", ".join(escape(sha[:12]) for sha in made.log_sha256)
+        hashes = ", ".join(escape(sha[:12]) for sha in self.log_sha256)
         return (
-            f"{escape(self.robot.name)}, identified by dynid {escape(made.version)} ({escape(made.method)}, "
-            f"{escape(made.parameter_set)} set, relative error {made.relative_error_percent:.3g} %) "
+            f"{escape(self.robot.name)}, identified by dynid {escape(self.version)} ({escape(self.method)}, "
+            f"{escape(self.parameter_set)} set, relative error {self.relative_error_percent:.3g} %) "
             f"from logs with sha256 {hashes}{residual}{f'; WARNING: {escape(self.warning)}' if self.warning else ''}"
         )
 

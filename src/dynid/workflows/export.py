@@ -24,7 +24,6 @@ from dynid.exporters.interface import (
     Format,
     IdentifiedArm,
     LoadingFailed,
-    Provenance,
 )
 from dynid.exporters.simulated import simulated
 from dynid.loading import ResultLike, as_result
@@ -163,7 +162,7 @@ class ExportedModel(Answered):
             if file.beside:
                 parts.append(f"effects.py adds to {file.format}: {', '.join(file.beside)}")
         if any(RESIDUAL in file.leaves_out for file in self.files):
-            alone = self.arm.provenance.relative_error_percent
+            alone = self.arm.relative_error_percent
             both = f"{self.fitted_percent:.2g} % with the residual model, {alone:.2g} % without it"
             parts.append(f"relative torque error on the training logs: {both}")
         return Answer(
@@ -279,18 +278,16 @@ def identified_arm(
         which = "physical" if bodies else result.in_force
     theta = result.reduction.K @ full.x if which == "physical" else result.plain
     return IdentifiedArm(
-        result.base,
-        theta,
-        result.knowledge,
-        full_model(result.base, full, theta),
-        Provenance(
-            version=str(result.header.get("dynid", __version__)),
-            method=result.method,
-            parameter_set=which,
-            relative_error_percent=relative_error(result.factors, theta),
-            log_sha256=result.log_sha256,
-        ),
-        options.urdf,
+        base=result.base,
+        theta=theta,
+        known=result.knowledge,
+        full=full_model(result.base, full, theta),
+        version=str(result.header.get("dynid", __version__)),
+        method=result.method,
+        parameter_set=which,
+        relative_error_percent=relative_error(result.factors, theta),
+        log_sha256=result.log_sha256,
+        urdf=options.urdf,
         # Why only the set in force: the residual model is what that set leaves.
         model_error=result.model_error if which == result.in_force else None,
         residual_model=options.residual_model,

@@ -17,7 +17,7 @@ from dynid.exporters.code import imported
 from dynid.exporters.effects_file import EFFECTS, own_values, stepped
 from dynid.exporters.engines import bare_urdf, own_torques
 from dynid.exporters.full_model import FullModel
-from dynid.exporters.interface import IdentifiedArm, Provenance
+from dynid.exporters.interface import IdentifiedArm
 from dynid.exporters.simulated import numbers_of
 from dynid.exporters.urdf import joints_of
 from dynid.model.effects.catalogue import CATALOGUE
@@ -45,8 +45,8 @@ def made(robot, seed=1, bodies=None, urdf=None):
         origin=dict.fromkeys(model.parameter_names, "data"),
     )
     theta = base.reduction.K @ full.values(model.parameter_names)
-    provenance = Provenance("0.1.0", "wls", "physical", 1.5, ("ab" * 32,))
-    return IdentifiedArm(base, theta, ("well",) * len(theta), full, provenance, urdf)
+    made = "0.1.0", "wls", "physical", 1.5, ("ab" * 32,)
+    return IdentifiedArm(base, theta, ("well",) * len(theta), full, *made, urdf)
 
 
 def shipped(name):
