@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.answer import Answer, Answered
+from dynid.answer import Answer, Answered, picked
 from dynid.arrays import Floats
 from dynid.errors import Finding, LogLayout
 from dynid.npz import write_artifact
@@ -168,8 +168,9 @@ class Log(Answered):
 
     @cached_property
     def rate(self) -> float:
-        """Median sample rate [Hz]."""
-        return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
+        """Median sample rate [Hz]; not a number where most stamps are equal."""
+        step = float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
+        return 1.0 / step if step else np.nan
 
     def answer(self) -> Answer:
         """Return name, size, joints and findings."""
@@ -222,7 +223,7 @@ class Log(Answered):
             "motor_side": self.motor_side,
             "dh": self.dh,
             "source": {"file": self.source.name if self.source else "", "sha256": self.sha256},
-            "findings": [{"code": f.code, "level": f.level, "text": f.text} for f in self.findings],
+            "findings": [picked(each, "code", "level", "text") for each in self.findings],
         }
         write_artifact(Path(path), SCHEMA, header, arrays)
         return Path(path)

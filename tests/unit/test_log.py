@@ -18,9 +18,11 @@ T = np.arange(5) / 100
 def test_anything_that_numpy_understands_becomes_float64():
     ones = np.ones((3, 1), np.float32)
     log = Log([0, 1, 2], [[1], [2], [3]], ones, ["elbow"], extra={"q_ref": [[0], [0], [1]]})
-    assert [x.shape for x in (log.q, log.tau, log.extra["q_ref"])] == [(3, 1)] * 3
-    assert {x.dtype for x in (log.t, log.q, log.tau, log.extra["q_ref"])} == {np.dtype(np.float64)}
+    columns = log.q, log.tau, log.extra["q_ref"]
+    assert [x.shape for x in columns] == [(3, 1)] * 3
+    assert {x.dtype for x in (log.t, *columns)} == {np.dtype(np.float64)}
     assert (log.names, log.n, len(log), log.duration, log.rate) == (("elbow",), 1, 3, 2.0, 1.0)
+    assert "nan Hz" in repr(replace(log, t=0 * log.t))
 
 
 @pytest.mark.parametrize(

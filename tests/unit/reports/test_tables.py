@@ -8,8 +8,10 @@ from dynid.reports.tables import runs_csv, runs_latex
 
 
 def run(names, values, errors):
-    keys = "name", "value", "std_error"
-    rows = [dict(zip(keys, row, strict=True)) for row in zip(names, values, errors, strict=True)]
+    rows = [
+        {"name": name, "value": value, "std_error": error}
+        for name, value, error in zip(names, values, errors, strict=True)
+    ]
     return SimpleNamespace(
         robot=SimpleNamespace(name="arm_1"),
         names=names,
