@@ -147,9 +147,9 @@ def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
         raise ValueError(f"it must be a number up to {MOST:g}")
     low, high = said.bounds
     if low is not None and value is not None:
-        low, high = LEAST if low == 0 and value != 0 else low, MOST if high is None else high
+        least, high = LEAST if low == 0 and value != 0 else low, MOST if high is None else high
         # Why so: what is not a number is neither below nor above.
-        if not low <= value <= high:
+        if not least <= value <= high:
             raise ValueError(f"it must be from {low:g} to {high:g}")
     return value
 

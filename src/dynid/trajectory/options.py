@@ -66,6 +66,7 @@ class PlanOptions(Options):
     alpha: float = option(
         0.2,
         "Speed factor of the run: the motion takes duration / alpha, at velocities times alpha.",
+        bounds=(1e-3, 1),
     )
     duration: float = option(60.0, "Length of the motion at full speed [s].", bounds=(1, 3600))
     segments: int = option(20, "Number of quintic segments.", bounds=(2, 200))
@@ -132,7 +133,7 @@ class PlanOptions(Options):
         read=_noise,
     )
     rate: float = option(100.0, "Rate of the samples and of the coming log [Hz].", bounds=(1, 2000))
-    seed: int = option(0, "Seed of every random choice.")
+    seed: int = option(0, "Seed of every random choice.", bounds=(0, None))
     processes: int | None = option(None, "Number of processes that search (default: one per core).")
 
     @property

@@ -36,8 +36,7 @@ class Trajectory:
     def __post_init__(self) -> None:
         """Check the speed factor."""
         if not 0 < self.alpha <= 1:
-            fix = "give a number above 0 and up to 1"
-            raise WrongUsage(f"alpha = {self.alpha:g}", why="alpha slows a plan down", fix=fix)
+            raise WrongUsage(f"alpha = {self.alpha:g}", why="alpha slows a plan down, to above 0")
 
     @property
     def duration(self) -> float:

@@ -6,7 +6,6 @@ a clear pose until it passes. PyBullet is asked last, because it is the slowest.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -367,7 +366,7 @@ def thickness(robot: Robot) -> str:
 def first_accepted(
     candidates: Iterable[Proposal],
     test: Callable[[Trajectory], Judgement],
-    until: float = math.inf,
+    until: float,
 ) -> tuple[Proposal, Judgement]:
     """Return the first motion that is not refused, with what the test returned.
 

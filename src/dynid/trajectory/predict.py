@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -157,7 +157,7 @@ def alpha_table(
     noise = noise * np.sqrt(tuning.ALPHA_TABLE_SAMPLES / samples)
     rows = []
     for alpha in sorted({*tuning.RECOMMENDED_ALPHAS, trajectory.alpha}):
-        slowed = replace(trajectory, alpha=alpha)
+        slowed = trajectory.slowed(alpha)
         motion = slowed.motion(slowed.duration * (np.arange(count) + 0.5) / count)
         prediction = predict(base, motion, noise, other, known)
         rows.append(

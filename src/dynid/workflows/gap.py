@@ -19,7 +19,7 @@ from dynid.estimation.payload import find_payload
 from dynid.estimation.prediction import check, concatenated
 from dynid.estimation.result import Identification
 from dynid.files import packaged
-from dynid.files.artifact import kind_of
+from dynid.files.artifact import kind_of, read_artifact
 from dynid.files.gapfile import read_record, write_record
 from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
 from dynid.gap.analysis import (
@@ -352,6 +352,7 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
     }
     schema = kind_of(file)
     if schema not in readers:
+        read_artifact(file)  # ends with the message that a missing or damaged file gets
         raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=file)
     loaded = readers[schema](file)
     return instance(loaded, kind, "path", f"a file with an object of type {kind.__name__}")

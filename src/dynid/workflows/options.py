@@ -152,6 +152,7 @@ class ModelOptions(Options):
         metavar="auto|X",
         nothing="auto",
         read=float,
+        bounds=(0, 1),
     )
 
 
@@ -334,7 +335,7 @@ class SimulateOptions(Options):
         flag="--effect",
         read=_effect_specs,
     )
-    seed: int = option(0, "Seed of the noise.")
+    seed: int = option(0, "Seed of the noise.", bounds=(0, None))
 
 
 @dataclass(frozen=True)

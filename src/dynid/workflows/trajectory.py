@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynid.answer import Answer, Answered, Facts, picked
-from dynid.arguments import public
+from dynid.arguments import instance, public
 from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import Finding, PlanTeachesLittle, WrongUsage
@@ -39,6 +39,7 @@ from dynid.loading import ResultLike, RobotLike, as_result, as_robot, load_run
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.motion import Motion
+from dynid.options import MOST
 from dynid.progress import Progress, stage
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot
@@ -384,8 +385,11 @@ def _waypoints_of(given: Waypoints | ArrayLike | str | Path, robot: Robot) -> Wa
         return given
     if isinstance(given, (str, Path)):
         return read_waypoints(Path(given), robot)
-    points = np.asarray(given, dtype=float)
-    if points.shape[1:] != (robot.n,) or len(points) < 2 or not np.all(np.isfinite(points)):
+    try:
+        points = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.shape[1:] != (robot.n,) or len(points) < 2 or not np.all(np.abs(points) <= MOST):
         raise WrongUsage(f"waypoints must be at least 2 rows of {robot.n} numbers")
     return Waypoints(points)
 
@@ -447,10 +451,15 @@ def plan_trajectory(
     if isinstance(for_gap, (str, Path)):
         for_gap = read_record(Path(for_gap))
     base = _without_effects(base or base_model(robot))
+    robot.require_joints(base.robot.joint_names, "base")
     results = [as_result(each, "earlier") for each in earlier]
     noise, source = _torque_noise(robot, options.noise, results, options.rate)
     context = planning_context(base, options, noise, *_information(base, results))
-    question = None if for_gap is None else question_of(for_gap, base, context.theta)
+    question = None
+    if for_gap is not None:
+        wanted = "a gap search: its gap.npz, or what dynid.find_gap returns"
+        record = instance(for_gap, GapRecord, "for_gap", wanted)
+        question = question_of(record, base, context.theta)
     outcome, until, search = None, begin + options.seconds, None
     stage("plan" if through else "search")
     if through is not None:

@@ -73,7 +73,7 @@ def test_options_are_read_alike_from_words_and_from_values():
         ({"noise": 1e-308}, "must be one positive number, or one per joint"),
         ({"weights": (0, 0)}, "are not weights"),
         ({"tool_speed": 1e-308}, "--tool-speed 1e-308 is not possible"),
-        ({"tool_speed": -1.0}, "--tool-speed -1 is not possible"),
+        ({"seed": -1}, "--seed -1 is not possible: it must be from 0"),
         ({"seconds": np.inf}, "--seconds inf is not possible"),
         ({"alpha": np.nan}, "--alpha nan is not possible"),
     ],
