@@ -35,7 +35,7 @@ from dynid.files.trajectoryfile import (
 from dynid.gap.verdict import joints_text
 from dynid.judgement.gap import GapRecord
 from dynid.judgement.rules import Step
-from dynid.loading import ResultLike, RobotLike, as_result, as_robot, load_run
+from dynid.loading import ResultLike, RobotLike, as_result, as_robot, load_run, parameters_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.motion import Motion
@@ -608,7 +608,8 @@ def plan_inputs(
     return {
         "robot": robot.model_key,
         "robot file": hashlib.sha256(robot_text(robot).encode()).hexdigest(),
-        **{name: sha256(path) for name, path in files.items() if path is not None},
+        # Why not the folder of a result: the plan is written into it.
+        **{name: sha256(parameters_of(path)) for name, path in files.items() if path is not None},
         **options.texts(),
     }
 
