@@ -369,7 +369,8 @@ def identify_run(
         else:
             seen = load_observations(RunFolder(folder).stack, base)
         result = identify(robot, seen, options, update=earlier)
-        own = {k: v for k, v in inputs.items() if k in ("robot", *READING) or k.startswith("log ")}
+        rows = "robot", "anyway", *READING
+        own = {k: v for k, v in inputs.items() if k in rows or k.startswith("log ")}
         if paths and not reused:
             wrote.append(seen.save_stack(folder, header(own)))
         if not reused:
