@@ -159,8 +159,8 @@ def late_torques(problem: GapProblem) -> float:
     bare = replace(problem, rows=problem.every).regression()
     rows, moved = bare.rows, np.zeros((*bare.rows.tau.T.shape, len(TRIED)))
     every = ~rows.is_new
-    for part in rows.parts:
-        t, new = rows.t[part], rows.is_new[part.start]
+    for part, new in zip(rows.parts, rows.new, strict=True):
+        t = rows.t[part]
         every[part] |= (t >= t[0] + LONGEST_DELAY) & (t <= t[-1] - LONGEST_DELAY)
         wanted = np.clip(t[:, None] + TRIED * new, t[0], t[-1])
         moved[:, part] = CubicSpline(t, rows.tau[part], axis=0)(wanted).transpose(2, 0, 1)

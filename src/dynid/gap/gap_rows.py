@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 
 from dynid.arrays import Floats, Ints, Mask
-from dynid.estimation.rows import parallel_filtered, rows_of
+from dynid.estimation.rows import joined, parallel_filtered, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import Effect
@@ -28,16 +28,13 @@ class GapRows:
     Attributes:
         logs: the conditioned log of each part, that part alone.
         motions: of each part, at the rate that columns are evaluated at.
+        number: of the log of each part, (P,).
+        new: whether effects act in each part; not in earlier logs, when what has changed since is looked for, (P,).
         part: number of the part of each row, (M,).
         W: base regressor, (M, n, p).
         tau: torques, (M, n) [N m or N].
         use: rows that count: not clipped, not at rest, (M, n).
         stamp: time on the clock of the log, (M,) [s].
-        t: time on the clock of the motion, (M,) [s].
-        q: positions, (M, n) [rad or m].
-        qd: velocities, (M, n) [rad/s or m/s].
-        number: of the log, (M,).
-        is_new: whether effects act; not in earlier logs, when what has changed since is looked for, (M,).
         train: rows that are searched, (M,); all until some are held out.
         held: rows that are held out, (M,).
         coulomb: Coulomb friction of a first fit, which errors at reversals are shares of, (n,) [N m or N].
@@ -47,16 +44,13 @@ class GapRows:
 
     logs: tuple[ConditionedLog, ...]
     motions: tuple[ArmMotion, ...]
+    number: Ints
+    new: Mask
     part: Ints
     W: Floats
     tau: Floats
     use: Mask
     stamp: Floats
-    t: Floats
-    q: Floats
-    qd: Floats
-    number: Ints
-    is_new: Mask
     train: Mask
     held: Mask
     coulomb: Floats
@@ -78,6 +72,27 @@ class GapRows:
         """Number of each row in its part, (M,)."""
         return np.arange(len(self)) - np.searchsorted(self.part, self.part)
 
+    @cached_property
+    def t(self) -> Floats:
+        """Time on the clock of the motion, (M,) [s]."""
+        begins = [log.segments[0] for log in self.logs]
+        return self.stamp + np.array([x.elapsed[0] - x.t[0] for x in begins])[self.part]
+
+    @cached_property
+    def q(self) -> Floats:
+        """Positions under the filter of the torques, (M, n) [rad or m]."""
+        return self.filtered([motion.q.T for motion in self.motions]).T
+
+    @cached_property
+    def qd(self) -> Floats:
+        """Velocities under it, (M, n) [rad/s or m/s]."""
+        return self.filtered([motion.qd.T for motion in self.motions]).T
+
+    @cached_property
+    def is_new(self) -> Mask:
+        """Whether effects act in each row, (M,)."""
+        return self.new[self.part]
+
     @property
     def rate(self) -> float:
         """Rate of the rows [Hz]."""
@@ -86,13 +101,12 @@ class GapRows:
     @property
     def compared(self) -> bool:
         """Whether earlier logs are among them, and what is looked for acts in the new ones alone."""
-        return not self.is_new.all()
+        return not self.new.all()
 
     @cached_property
     def motion(self) -> ArmMotion:
         """All motion in which candidates act, one part after the other."""
-        pairs = zip(self.motions, self.parts, strict=True)
-        return joined_motion([motion for motion, part in pairs if self.is_new[part.start]])
+        return joined_motion(list(compress(self.motions, self.new)))
 
     def only(self, chosen: Mask) -> GapRows:
         """Return the rows, of which only the chosen ones, (M,), count."""
@@ -124,8 +138,9 @@ class GapRows:
         """
         on = list(effect.rows(joints, self.tau.shape[1]))
         columns = np.zeros((len(on), len(shapes), len(effect.amplitudes(shapes[0])), len(self)))
-        for part, log, motion in zip(self.parts, self.logs, self.motions, strict=True):
-            if (always or self.is_new[part.start]) and self.use[part][:, on].any():
+        every = zip(self.parts, self.logs, self.motions, self.new, strict=True)
+        for part, log, motion, new in every:
+            if (always or new) and self.use[part][:, on].any():
                 raw = np.array(effect.tried(motion, joints, shapes))
                 kept = parallel_filtered(raw.reshape(-1, len(motion)), log.filter)
                 columns[..., part] = np.moveaxis(kept.reshape(*raw.shape[:-1], -1), 2, 0)
@@ -146,43 +161,27 @@ def gap_rows(
         reference: the current model, which effects scale with.
         earlier: conditioned logs in which they do not.
     """
-    observer = base.observer
-    parts: list[ConditionedLog] = []
-    motions, arrays_of_parts = [], []
-    for number, log in enumerate(with_effects(x, base.model, reference) for x in (*earlier, *logs)):
-        for segment in log.segments:
-            alone = replace(log, segments=[segment])
-            rows = rows_of(alone, observer)
-            if count := len(rows.t):
-                motion = arm_motion(segment, log.filter, base.model, reference)
-                q, qd = (parallel_filtered(x.T, log.filter).T for x in (motion.q, motion.qd))
-                arrays_of_parts.append(
-                    {
-                        "part": np.full(count, len(parts)),
-                        "W": rows.W,
-                        "tau": rows.tau,
-                        "use": rows.use,
-                        "stamp": rows.t,
-                        "t": rows.t - segment.t[0] + segment.elapsed[0],
-                        "q": q,
-                        "qd": qd,
-                        "number": np.full(count, number),
-                        "is_new": np.full(count, number >= len(earlier)),
-                        "train": np.ones(count, dtype=bool),
-                        "held": np.zeros(count, dtype=bool),
-                    }
-                )
-                parts.append(alone)
-                motions.append(motion)
-    arrays = {
-        name: np.concatenate([each[name] for each in arrays_of_parts])
-        for name in arrays_of_parts[0]
-    }
-    width = np.full(base.robot.n, base.robot.coulomb_shape.velocity)
-    coulomb = np.zeros(base.robot.n)
-    none = np.zeros((base.robot.n, 0, len(arrays["tau"])))
+    every = [with_effects(log, base.model, reference) for log in (*earlier, *logs)]
+    number = np.repeat(np.arange(len(every)), [len(log.segments) for log in every])
+    parts = [replace(log, segments=[segment]) for log in every for segment in log.segments]
+    rows, n = joined([rows_of(part, base.observer) for part in parts]), base.robot.n
     return GapRows(
-        tuple(parts), tuple(motions), **arrays, coulomb=coulomb, reversal=width, turns=none
+        logs=tuple(parts),
+        motions=tuple(
+            arm_motion(part.segments[0], part.filter, base.model, reference) for part in parts
+        ),
+        number=number,
+        new=number >= len(earlier),
+        part=np.cumsum(rows.begins) - 1,
+        W=rows.W,
+        tau=rows.tau,
+        use=rows.use,
+        stamp=rows.t,
+        train=np.ones(len(rows.t), dtype=bool),
+        held=np.zeros(len(rows.t), dtype=bool),
+        coulomb=np.zeros(n),
+        reversal=np.zeros(n),
+        turns=np.zeros((n, 0, len(rows.t))),
     )
 
 

@@ -63,7 +63,7 @@ def _regions(regression: Regression, joint: int) -> list[tuple[str, str, float]]
         "speed": third(np.abs(qd)),
         "position": third(q),
         "load": third(np.abs(tau)),
-        "time": third((rows.t + 1e6 * rows.number)[use]),
+        "time": third((rows.t + 1e6 * rows.part)[use]),
         "direction": 1 * (qd <= 0),
         "reversal": 1 * ~np.concatenate(near)[use],
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -84,7 +85,7 @@ class GapProblem:
     @property
     def same_motion(self) -> bool:
         """Whether earlier and new logs hold the same motion, so that what always was cancels."""
-        new = [self.rows.is_new[part.start] for part in self.rows.parts]
+        new = self.rows.new
         return any(new[pair.first] != new[pair.second] for pair in self.repeats)
 
     def searched(self, theta: Floats) -> GapRows:
@@ -146,8 +147,7 @@ def _measured(
         residual = np.where(rows.is_new[:, None], new, old)
     elif prior is not None:
         residual = unwhitened_fit(rows)[1]
-    era = [rows.is_new[part.start] for part in rows.parts]
-    same = [pair for pair in repeats if era[pair.first] == era[pair.second]]
+    same = [pair for pair in repeats if rows.new[pair.first] == rows.new[pair.second]]
     return (
         theta,
         residual,
@@ -186,22 +186,23 @@ def split(rows: GapRows, repeats: Sequence[RepeatPair], share: float) -> tuple[G
     """Hold out the last of three or more new motions with its repeats, or else the last share of each new log."""
     motion = np.arange(len(rows.logs))
     for pair in repeats:
-        if rows.is_new[rows.parts[pair.first].start]:
+        if rows.new[pair.first]:
             motion[pair.second] = min(motion[pair.second], motion[pair.first])
     # Of each log, that of its first part.
-    _, first, log = np.unique(rows.number, return_index=True, return_inverse=True)
-    motion_of = motion[rows.part[first]]
-    kinds = list(dict.fromkeys(motion_of[rows.is_new[first]].tolist()))
+    motion = motion[np.searchsorted(rows.number, rows.number)]
+    kinds = list(dict.fromkeys(motion[rows.new].tolist()))
     if len(kinds) >= 3:
-        held = motion_of[log] == kinds[-1]
-        text = ", ".join(sorted({rows.logs[k].name for k in rows.part[held]}))
+        last = motion == kinds[-1]
+        text = ", ".join(sorted({log.name for log in compress(rows.logs, last)}))
+        held = last[rows.part]
         return replace(rows, train=~held, held=held), text
-    # Why of rows that count: rest proves nothing.
-    border = np.full(len(first), np.inf)
-    for k in np.flatnonzero(rows.is_new[first]):
-        t = rows.t[(log == k) & rows.use.any(axis=1)]
-        border[k] = np.quantile(t, 1 - share) if len(t) else rows.t[first[k]]
-    train, held = rows.t < border[log] - BETWEEN, rows.t >= border[log]
+    border, number = np.full(len(rows), np.inf), rows.number[rows.part]
+    for k in np.unique(rows.number[rows.new]):
+        own = number == k
+        # Why of rows that count: rest proves nothing.
+        t = rows.t[own & rows.use.any(axis=1)]
+        border[own] = np.quantile(t, 1 - share) if len(t) else rows.t[own][0]
+    train, held = rows.t < border - BETWEEN, rows.t >= border
     return replace(rows, train=train, held=held), f"last {100 * share:.0f} % of each log's motion"
 
 

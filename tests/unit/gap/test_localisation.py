@@ -46,7 +46,7 @@ CASES = {
     "when fast": lambda s, j: by_part(s, lambda part: above(np.abs(s.qd[part, j]))),
     "when moving backward": lambda s, j: s.qd[:, j] < 0,
     "at high load": lambda s, j: by_part(s, lambda part: above(np.abs(s.tau[part, j]))),
-    "late in the recording": lambda s, j: s.number >= 3,
+    "late in the recording": lambda s, j: s.part >= 3,
     "at reversals": lambda s, j: by_part(s, lambda part: near_reversal(s.qd[part, j], s.rate)),
 }
 
