@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from dynid.arrays import Floats
+from dynid.estimation.factor import of_unit_diagonal
 from dynid.gap import tuning
 from dynid.gap.evidence import Evidence, EvidenceRows, forward, lower_root
-from dynid.gap.gap_rows import EffectColumns, on_joint
+from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key
 from dynid.model.effects.catalogue import CATALOGUE
@@ -90,15 +91,13 @@ class Candidate:
     rms: Floats
     groups: int
 
-    def with_added(self, rows: EvidenceRows, added: Sequence[EffectColumns]) -> Candidate:
-        """Return the candidate with its products with further columns of T."""
-        if not added:
-            return self
+    def beside(self, rows: EvidenceRows) -> Candidate:
+        """Return the candidate with its products with the columns of names that are not among them yet."""
         others = {}
         for j, C in self.columns.items():
-            flat = C.reshape(-1, C.shape[-1])
-            more = np.concatenate([on_joint(one, j, C.shape[-1]) for one in added])
-            others[j] = np.concatenate([self.others[j], rows.bands.products(flat, more)], axis=2)
+            names, flat = rows.own[j][self.others[j].shape[2] :], C.reshape(-1, C.shape[-1])
+            more = rows.bands.products(flat, names)
+            others[j] = np.concatenate([self.others[j], more], axis=2)
         return replace(self, others=others)
 
     def at(self, g: int) -> Candidate:
@@ -136,7 +135,6 @@ def candidate(
     rows: EvidenceRows,
     place: Place,
     shapes: list[dict[str, float]],
-    added: Sequence[EffectColumns] = (),
     groups: int = 1,
     raw: EffectColumns | None = None,
 ) -> Candidate:
@@ -146,7 +144,6 @@ def candidate(
         rows: what is common and the rest.
         place: the effect and where it sits.
         shapes: to try.
-        added: columns that have been added to T, one effect after the other.
         groups: how many candidates the effect has there.
         raw: its filtered columns, where they are at hand.
     """
@@ -160,8 +157,7 @@ def candidate(
         own[j], others[j] = rows.products(j, C)
         count = max(float(rows.bands.counts(j, always=place.always).sum()), 1.0)
         power = np.maximum(power, np.einsum("bgkk->gk", own[j]) / count)
-    made = Candidate(place, shapes, columns, own, others, np.sqrt(power), groups)
-    return made.with_added(rows, added)
+    return Candidate(place, shapes, columns, own, others, np.sqrt(power), groups)
 
 
 def candidates_of(rows: EvidenceRows, places: Sequence[Place]) -> list[Candidate]:
@@ -251,9 +247,9 @@ def visible(own: Floats, sides: Floats, gram: Floats) -> Floats:
         sides: and with p others, (..., k, p).
         gram: products of these, (p, p).
     """
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    root = lower_root(gram / np.outer(size, size) + 1e-12 * np.eye(len(size)))
-    Z = forward(root, (sides / size).reshape(-1, len(size)).T).T.reshape(sides.shape)
+    scaled, unit = of_unit_diagonal(gram)
+    root = lower_root(scaled + 1e-12 * np.eye(len(unit)))
+    Z = forward(root, (sides * unit).reshape(-1, len(unit)).T).T.reshape(sides.shape)
     scale = np.sqrt(np.maximum(np.diagonal(own, axis1=-2, axis2=-1), 1e-300))
     left = (own - Z @ Z.swapaxes(-1, -2)) / scale[..., None] / scale[..., None, :]
     return np.asarray(np.linalg.eigvalsh(left)[..., -1])

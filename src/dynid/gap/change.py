@@ -22,6 +22,7 @@ import numpy as np
 
 from dynid.arrays import Floats, Mask
 from dynid.estimation import tuning
+from dynid.estimation.factor import of_unit_diagonal
 from dynid.estimation.residual_model import GROUPS, shapes_in
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.noise import NoiseModel
@@ -166,17 +167,18 @@ class _Parts:
 
     def __init__(self, rows: GapRows, held_by: Floats) -> None:
         """Keep the columns of each joint that are no zeros, the torque last."""
-        fit = whitened_regression(rows, NoiseModel.white(np.ones(rows.tau.shape[1])), held_by)
-        every = [np.column_stack([fit.columns(j), y]) for j, y in enumerate(fit.y)]
-        self.rows, self.used = rows, [np.flatnonzero(X.any(axis=0)) for X in every]
+        noise = NoiseModel.white(np.ones(rows.tau.shape[1]))
+        fit = whitened_regression(rows, noise, held_by.T @ held_by)
+        every = [np.column_stack(pair) for pair in zip(fit.X, fit.y, strict=True)]
+        self.rows, self.known, self.used = (
+            rows,
+            fit.known,
+            [np.flatnonzero(X.any(axis=0)) for X in every],
+        )
         self.columns = [X[:, used] for X, used in zip(every, self.used, strict=True)]
         self.at = [np.flatnonzero(use) for use in rows.use.T]
         self.counts = np.maximum(rows.use.sum(axis=0), 1)
         self.sigma = np.ones(len(every))
-        #: What is known of all columns: those that are held, and errors of one standard deviation.
-        self.known = np.diag([*np.zeros(fit.base), *np.ones(every[0].shape[1] - fit.base - 1), 0.0])
-        base = [*range(fit.base), -1]
-        self.known[np.ix_(base, base)] = held_by.T @ held_by
 
     def products(self, chosen: Mask) -> Floats:
         """Return the products of [columns, torque] of each joint over some rows, (n, w + 1, w + 1)."""
@@ -189,11 +191,9 @@ class _Parts:
     def fitted(self, products: Floats) -> Floats:
         """Return [-theta, 1] of the weighted least-squares fit jointly with what is known, (w + 1,)."""
         information = np.tensordot(self.sigma**-2.0, products, 1) + self.known
-        size = np.sqrt(np.maximum(np.diag(information), 0.0))
-        size = np.where(size > 0, size, 1.0)
-        scaled = information / np.outer(size, size)
-        theta = np.linalg.solve(scaled[:-1, :-1] + OPEN * np.eye(len(size) - 1), scaled[:-1, -1])
-        return np.append(-theta * size[-1] / size[:-1], 1.0)
+        scaled, unit = of_unit_diagonal(information)
+        theta = np.linalg.solve(scaled[:-1, :-1] + OPEN * np.eye(len(unit) - 1), scaled[:-1, -1])
+        return np.append(-theta * unit[:-1] / unit[-1], 1.0)
 
     def left(self, parts: Sequence[Floats], theta: Sequence[Floats]) -> Floats:
         """Return the root of the sum of squares that each joint leaves of parts, each with its fit, (n,)."""

@@ -75,14 +75,15 @@ class Links:
         cls, regression: Regression, base: BaseModel, more: Sequence[EffectColumns] = ()
     ) -> Links:
         """Return the links beside the effects of a search and further ones, without what it knows of parameters."""
-        wide, p = regression.with_effects([*regression.effects, *more]), regression.base
-        X = np.concatenate([wide.columns(j) for j in range(len(wide.y))])
+        p, effects = regression.base, len(regression.known) - 1
+        X = np.concatenate(regression.with_effects(more).X)
         sd = np.ones(X.shape[1] - p)
-        effects = wide.baseline[0].shape[1]
         norm = np.linalg.norm(X[:, effects:], axis=0)
         sd[effects - p :] = ANY / np.where(norm > 0.0, norm, 1.0)
         blocks = {"others": X[:, p:], "base": X[:, :p]}
-        left, others = Factor(blocks, np.concatenate(wide.y)).prior("others", sd).without("others")
+        left, others = (
+            Factor(blocks, np.concatenate(regression.y)).prior("others", sd).without("others")
+        )
         R = triangle(left.rows)
         rows = np.column_stack([R[:p, :p] @ base.reduction.K, R[:p, p]])
         rest = float(R[p, p] ** 2)
@@ -296,8 +297,8 @@ def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[in
     for joints in effect.candidate_joints(base.robot.n):
         columns = regression.columns_of(effect, joints, {})
         own = np.sum([C @ C.T for C in columns.values()], axis=0)
-        sides = np.sum([C @ regression.columns(j) for j, C in columns.items()], axis=0)
-        if visible(own, sides, regression.information) <= IMITATED:
+        sides = np.sum([C @ regression.X[j] for j, C in columns.items()], axis=0)
+        if visible(own, sides, regression.information[:-1, :-1]) <= IMITATED:
             imitated[joints[0]] = columns
     return imitated
 

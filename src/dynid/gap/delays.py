@@ -65,7 +65,7 @@ class EffectSearch:
         for k, one in enumerate(state.named):
             if one.place.key in keys:
                 state = replace(state, evidence=state.evidence.without(state.columns(k)))
-        sized = state.evidence.sized(range(len(state.evidence.joints)))
+        sized = state.evidence.sized()
         selected = [one for one in self.selected if one.key not in keys]
         return replace(self, selected=selected, state=replace(state, evidence=sized))
 
@@ -164,13 +164,13 @@ def late_torques(problem: GapProblem) -> float:
         every[part] |= (t >= t[0] + LONGEST_DELAY) & (t <= t[-1] - LONGEST_DELAY)
         wanted = np.clip(t[:, None] + TRIED * new, t[0], t[-1])
         moved[:, part] = CubicSpline(t, rows.tau[part], axis=0)(wanted).transpose(2, 0, 1)
-    chosen, right = [], np.zeros((bare.baseline[0].shape[1], len(TRIED)))
-    for j, baseline in enumerate(bare.baseline):
+    chosen, right = [], np.tile(bare.known[:-1, -1:], len(TRIED))
+    for j, X in enumerate(bare.X):
         kept = every[bare.noise.counting(rows, j)]
-        A, y = baseline[kept], bare.noise.whiten(rows, j, moved[j].T)[:, kept]
+        A, y = X[kept], bare.noise.whiten(rows, j, moved[j].T)[:, kept]
         chosen.append((A, y))
         right += A.T @ y.T
-    theta = bare.solved(right)
+    theta = bare.root @ (bare.root.T @ right)
     left = np.array([np.sum((y - (A @ theta).T) ** 2, axis=1) for A, y in chosen])
     total = left.sum(axis=0)
     best, still = int(np.argmin(total)), len(TRIED) // 2

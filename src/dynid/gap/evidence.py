@@ -23,7 +23,7 @@ from scipy.linalg import lapack
 from dynid.arrays import Floats, Mask
 from dynid.gap import tuning
 from dynid.gap.bands import Bands, instants
-from dynid.gap.gap_rows import GapRows
+from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
 from dynid.gap.known_errors import SHARP, error_columns
 from dynid.gap.problem import GapProblem
 from dynid.gap.rest import rest_columns
@@ -34,6 +34,8 @@ Products = tuple[Floats, Floats]
 
 #: Prior precision of base parameters over what the rows know of them: none; and that of what is zero.
 FLAT, FIXED = 1e-16, 1e30
+#: Shares by which a diagonal is taken larger, the smallest that does.
+ROUNDING = 10.0 ** np.arange(-13, 0)
 #: Least and largest log rms of a kind of the rest, in units of the noise, and that of one that is not there.
 LOG_RMS, NONE = (-6.0, 5.0), -4.0
 #: How much quieter than measured a band may be, in the logarithm of its power.
@@ -54,14 +56,12 @@ back = partial(forward, trans=1)
 
 
 def lower_root(matrix: Floats) -> Floats:
-    """Return the lower Cholesky root, of a matrix a little larger where rounding leaves none."""
-    root, failed = lapack.dpotrf(matrix, lower=1, clean=1)
-    if failed:
-        size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        values, V = np.linalg.eigh(matrix / np.outer(size, size))
-        V = V * np.sqrt(np.maximum(values, 1e-13 * values[-1]))
-        root = np.linalg.qr((size[:, None] * V).T)[1].T
-        root = root * np.sign(np.where(np.diag(root) == 0, 1.0, np.diag(root)))
+    """Return the lower Cholesky root, of a matrix with a larger diagonal where rounding leaves none."""
+    for more in (0.0, *ROUNDING):
+        larger = matrix + np.diag(more * np.diag(matrix))
+        root, failed = lapack.dpotrf(larger, lower=1, clean=1)
+        if not failed:
+            break
     return np.asarray(root)
 
 
@@ -312,8 +312,7 @@ class Evidence:
             side += model.plain[behind + T] @ torque
             torques.append(torque)
         ridge = 1e-9 * np.maximum(np.diag(gram), 1e-12) + 1e-12
-        root, power = lower_root(gram + np.diag(ridge)), []
-        taken = back(root, forward(root, side))
+        taken, power = np.linalg.solve(gram + np.diag(ridge), side), []
         for model, torque in zip(self.joints, torques, strict=True):
             torque[model.own + 1 + T] -= taken
             power.append(torque @ model.plain @ torque / max(float(model.counts.sum()), 1.0))
@@ -333,14 +332,14 @@ class Evidence:
         return Rest(odds, rms, level, quiet)
 
     # ------------------------------------------------------------ sizes
-    def sized(self, joints: Sequence[int], steps: int = STEPS) -> Evidence:
+    def sized(self, joints: Sequence[int] = (), steps: int = STEPS) -> Evidence:
         """Return the evidence with rest and bands of some joints as large as is most likely.
 
         Args:
-            joints: these joints, 0-based.
+            joints: these joints, 0-based; all when empty.
             steps: of MacKay's fixed point.
         """
-        evidence = self
+        evidence, joints = self, joints or range(len(self.joints))
         for _ in range(steps):
             evidence = evidence.replaced({j: evidence._step(j) for j in joints})
         for j in joints:
@@ -382,7 +381,7 @@ class EvidenceRows:
 
     Attributes:
         bands: how rows become rows by frequency.
-        own: [R, torque, base] of each joint, (s, F).
+        own: [R, torque, T] of each joint, (s, F).
         filtered: R of each joint as it is filtered, (r, M).
         common: errors that all joints share, filtered, (c, n, M).
     """
@@ -414,15 +413,22 @@ class EvidenceRows:
             torque[j] += evidence.rest_of(j)[known] @ self.filtered[j][known]
         return np.einsum("mjp,pq,mjq->mj", W, unsure, W, optimize=True) + torque.T**2
 
+    def with_name(self, columns: EffectColumns) -> EvidenceRows:
+        """Return the rows with the columns of a name behind the others of T, {joint: (k, F)}."""
+        own = [
+            np.concatenate([x, on_joint(columns, j, x.shape[1])]) for j, x in enumerate(self.own)
+        ]
+        return replace(self, own=own)
+
     def products(self, joint: int, C: Floats) -> Products:
-        """Return products of further columns, (..., k, F), with themselves and with [R, torque, base]."""
+        """Return products of further columns, (..., k, F), with themselves and with [R, torque, T]."""
         flat = C.reshape(-1, C.shape[-1])
         return self.bands.products(C, C), self.bands.products(flat, self.own[joint])
 
 
 def evidence_of(problem: GapProblem) -> tuple[Evidence, EvidenceRows]:
     """Return the evidence of a problem without any name, the rest sized."""
-    rows, prior = problem.searched(problem.theta), problem.prior
+    rows = problem.searched(problem.theta)
     n, p = rows.W.shape[1:]
     bands = Bands(rows, problem.noise, *instants(rows, problem.repeats))
     common, own = error_columns(rows)
@@ -455,9 +461,8 @@ def evidence_of(problem: GapProblem) -> tuple[Evidence, EvidenceRows]:
     known = sum(np.diag(m.plain)[m.own + 1 :][:p] for m in models)
     information, held = np.eye(size), np.zeros(size)
     information[range(p), range(p)] = FLAT * np.maximum(known, 1e-12)
-    if prior is not None:
-        information[:p, :p] += prior[:, :p].T @ prior[:, :p]
-        held[:p] += prior[:, :p].T @ prior[:, -1]
+    information[:p, :p] += problem.prior[:p, :p]
+    held[:p] = problem.prior[:p, -1]
     price = float(np.log(7.0 * n))
     evidence = Evidence(tuple(models), information, held, price, size, size - p)
-    return evidence.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered, common)
+    return evidence.sized(steps=FIRST_STEPS), EvidenceRows(bands, every, filtered, common)

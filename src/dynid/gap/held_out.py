@@ -12,7 +12,6 @@ from dynid.gap.counterbalance import Links
 from dynid.gap.delays import EffectSearch
 from dynid.gap.gap_rows import accelerated
 from dynid.gap.problem import GapProblem
-from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 from dynid.judgement.gap import HeldOutEffect, HeldOutImprovement
 
@@ -32,24 +31,20 @@ TIME_LEAD = 0.1
 
 
 # ---------------------------------------------------------------- the error before and after
-def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Regression:
-    """Fit model and effects together to the training rows, without what is not judged.
-
-    Effects that follow the model's torque follow that of the fit.
-    """
-    regression = with_selected(problem.regression(nuisance=False), selected)
-    if not selected:
-        return regression
-    theta = regression.theta[: problem.base.rank]
-    return with_selected(problem.regression(theta, nuisance=False), selected)
-
-
 def prediction(
     problem: GapProblem, selected: Sequence[SelectedEffect]
 ) -> tuple[Floats, list[Floats]]:
-    """Return what model and effects, fitted together, leave of all rows, and the torque of each effect, (M, n) each."""
+    """Return what model and effects, fitted together, leave of all rows, and the torque of each effect, (M, n) each.
+
+    They are fitted to the training rows, without what is not judged.
+    """
     effects, rows = with_columns(selected), problem.rows
-    fit = fitted_with(replace(problem, noise=problem.in_force or problem.noise), effects)
+    weighted = replace(problem, noise=problem.in_force or problem.noise)
+    fit = with_selected(weighted.regression(nuisance=False), effects)
+    if effects:
+        # Effects that follow the model's torque follow that of the fit.
+        again = weighted.regression(fit.theta[: fit.base], nuisance=False)
+        fit = with_selected(again, effects)
     theta, sizes = fit.theta[: fit.base], fit.amplitudes
     if problem.in_force is not None:
         theta, sizes, _ = Links.beside(fit, problem.base).fit()

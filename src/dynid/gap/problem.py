@@ -9,6 +9,7 @@ from itertools import compress
 import numpy as np
 
 from dynid.arrays import Floats
+from dynid.estimation.factor import of_unit_diagonal
 from dynid.estimation.noise_floor import RepeatPair, find_repeats
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, stack_with_settled_effects
@@ -33,14 +34,14 @@ TRUST = 1.5
 
 
 def known_parameters(kept: Identification) -> Floats:
-    """Return rows [L^T, L^T theta] that hold base parameters where a model found them, (r, p + 1)."""
-    theta, covariance = kept.plain, kept.plain_covariance
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
-    values, V = np.linalg.eigh(covariance / np.outer(size, size))
+    """Return products of rows [L^T, L^T theta] that hold base parameters where a model found them, (p + 1, p + 1)."""
+    scaled, unit = of_unit_diagonal(kept.plain_covariance)
+    values, V = np.linalg.eigh(scaled)
     determined = values > OPEN * values[-1]
     scale = TRUST * np.sqrt(np.maximum(values[determined], 1e-8))
-    root = (V[:, determined] / scale).T / size
-    return np.column_stack([root, root @ theta])
+    root = (V[:, determined] / scale).T * unit
+    rows = np.column_stack([root, root @ kept.plain])
+    return rows.T @ rows
 
 
 def unexplained_before(kept: Identification) -> Floats:
@@ -65,8 +66,8 @@ class GapProblem:
         noise: the noise floor.
         theta: base parameters that effects are scaled with, (p,).
         since: whether it is asked what has changed since a model was identified.
-        prior: rows [columns, value] on the base parameters that an earlier identification knows, (k, p + 1); None for
-            none, and where its logs are among the rows.
+        prior: products of rows [columns, value] on the base parameters that an earlier identification knows,
+            (p + 1, p + 1); zeros for none, and where its logs are among the rows.
         in_force: noise with which held-out rows are judged by the best possible arm, as what is applied will be; None
             where the plain estimate is in force.
     """
@@ -78,8 +79,8 @@ class GapProblem:
     repeats: list[RepeatPair]
     noise: NoiseModel
     theta: Floats
+    prior: Floats
     since: bool = False
-    prior: Floats | None = None
     in_force: NoiseModel | None = None
 
     @property
@@ -123,7 +124,9 @@ def make_problem(
     repeats = find_repeats([rows.q[part] for part in rows.parts], rows.rate)
     rows, text = split(rows, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
     alone = kept is not None and not rows.compared
-    prior = known_parameters(kept) if kept is not None and alone else None
+    prior = np.zeros((base.rank + 1, base.rank + 1))
+    if kept is not None and alone:
+        prior = known_parameters(kept)
     first = unwhitened_fit(rows, nuisance=False)[0] if kept is None else kept.plain
     every = with_reversals(rows, base, first)
     rows = with_known_friction(every, _measured(every, base, prior, repeats)[-1].floor)
@@ -133,11 +136,11 @@ def make_problem(
         # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
         left = searched_rms(rows, residual) / searched_rms(rows, of_all)
         noise = with_misfit(noise, rows, residual, unexplained_before(kept) * np.minimum(1.0, left))
-    return GapProblem(base, rows, every, text, repeats, noise, theta, kept is not None, prior)
+    return GapProblem(base, rows, every, text, repeats, noise, theta, prior, kept is not None)
 
 
 def _measured(
-    rows: GapRows, base: BaseModel, prior: Floats | None, repeats: Sequence[RepeatPair]
+    rows: GapRows, base: BaseModel, prior: Floats, repeats: Sequence[RepeatPair]
 ) -> tuple[Floats, Floats, NoiseModel]:
     """Return base parameters of a fit, (p,), its residuals of all rows, (M, n), and the noise in them."""
     theta, residual = unwhitened_fit(rows, prior)
@@ -145,7 +148,7 @@ def _measured(
         # Why each era for itself: what has changed is no noise.
         old, new = (unwhitened_fit(rows.only(era))[1] for era in (~rows.is_new, rows.is_new))
         residual = np.where(rows.is_new[:, None], new, old)
-    elif prior is not None:
+    elif prior.any():
         residual = unwhitened_fit(rows)[1]
     same = [pair for pair in repeats if rows.new[pair.first] == rows.new[pair.second]]
     return (
@@ -207,13 +210,13 @@ def split(rows: GapRows, repeats: Sequence[RepeatPair], share: float) -> tuple[G
 
 
 def unwhitened_fit(
-    rows: GapRows, prior: Floats | None = None, *, nuisance: bool = True
+    rows: GapRows, prior: Floats | float = 0.0, *, nuisance: bool = True
 ) -> tuple[Floats, Floats]:
     """Fit the baseline without whitening, weighted by joint, to rows that are searched.
 
     Args:
         rows: the rows.
-        prior: rows [columns, value] that hold base parameters, (k, p + 1); None for none.
+        prior: products of rows [columns, value] that hold base parameters, (p + 1, p + 1); 0 for none.
         nuisance: whether shapes of reversals are left unjudged.
 
     Returns:

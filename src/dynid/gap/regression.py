@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from dynid.arrays import Floats
+from dynid.estimation.factor import of_unit_diagonal
 from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
 from dynid.gap.noise import NoiseModel
 from dynid.model.effects.interface import Effect
@@ -25,23 +26,21 @@ WEAK_WITH_PRIOR = 1e-13
 
 @dataclass(frozen=True)
 class Regression:
-    """The whitened rows of all joints with the baseline, the prior and the effects that explain them.
+    """The whitened rows of all joints with all columns that explain them, and what is known of these.
 
     Attributes:
         rows: where they come from.
         noise: what they were whitened with.
-        baseline: columns of base parameters and known errors of each joint, n of (M_j, p + c).
+        X: columns of base parameters, known errors and effects in the rows of each joint, n of (M_j, w).
         y: torques of each joint, n of (M_j,).
-        prior: further rows [columns, value] on the base parameters, (r, p + 1); None for none.
-        effects: whitened columns of effects, {joint: (k, M_j)} each.
+        known: products of rows [columns, value] on base parameters and known errors, (k + 1, k + 1).
     """
 
     rows: GapRows
     noise: NoiseModel
-    baseline: list[Floats]
+    X: list[Floats]
     y: list[Floats]
-    prior: Floats | None = None
-    effects: tuple[EffectColumns, ...] = ()
+    known: Floats
 
     @property
     def base(self) -> int:
@@ -53,83 +52,72 @@ class Regression:
         columns = self.rows.columns(effect, joints, [shape])
         return {j: self.noise.whiten(self.rows, j, C[0]) for j, C in columns.items()}
 
-    def columns(self, joint: int) -> Floats:
-        """Return all columns in the rows of one joint, those of effects elsewhere as zeros, (M_j, w)."""
-        parts = [on_joint(one, joint, len(self.y[joint])).T for one in self.effects]
-        return np.concatenate([self.baseline[joint], *parts], axis=1)
+    def with_effects(self, effects: Sequence[EffectColumns]) -> Regression:
+        """Return the regression with the columns of further effects, zeros on the joints where they do not act."""
+        X = [
+            np.column_stack([X, *(on_joint(one, j, len(X)).T for one in effects)])
+            for j, X in enumerate(self.X)
+        ]
+        return replace(self, X=X)
 
     @cached_property
     def gram(self) -> Floats:
         """Products of all columns and torques with each other in the rows of each joint, (n, w + 1, w + 1)."""
-        both = (np.column_stack([self.columns(j), y]) for j, y in enumerate(self.y))
-        return np.array([X.T @ X for X in both])
+        both = (np.column_stack(pair) for pair in zip(self.X, self.y, strict=True))
+        return np.array([Z.T @ Z for Z in both])
 
-    @property
+    @cached_property
     def information(self) -> Floats:
-        """The normal matrix, (w, w); known errors are of one standard deviation."""
-        gram, p = self.gram.sum(axis=0)[:-1, :-1], self.base
-        if self.prior is not None:
-            gram[:p, :p] += self.prior[:, :-1].T @ self.prior[:, :-1]
-        errors = np.arange(p, self.baseline[0].shape[1])
-        gram[errors, errors] += 1.0
-        return np.asarray(gram)
+        """The normal matrix and, in the last column, its right side, with what is known, (w + 1, w + 1)."""
+        total, given = self.gram.sum(axis=0), np.r_[: len(self.known) - 1, -1]
+        total[np.ix_(given, given)] += self.known
+        return total
 
     @cached_property
     def root(self) -> Floats:
         """R with R R^T the inverse of the normal matrix without directions that are not excited, (w, r)."""
-        gram = self.information
-        length = np.sqrt(np.diag(gram))
-        length = np.where(length > 0, length, 1.0)
-        values, V = np.linalg.eigh(gram / np.outer(length, length))
-        kept = values > (WEAK if self.prior is None else WEAK_WITH_PRIOR) * values[-1]
-        return V[:, kept] / np.sqrt(values[kept]) / length[:, None]
-
-    def solved(self, right: Floats) -> Floats:
-        """Return the fit to products of all columns with torques, (w, ...), and to the prior."""
-        if self.prior is not None:
-            more = self.prior[:, :-1].T @ self.prior[:, -1]
-            right[: self.base] += more.reshape(-1, *[1] * (right.ndim - 1))
-        return self.root @ (self.root.T @ right)
+        scaled, unit = of_unit_diagonal(self.information[:-1, :-1])
+        values, V = np.linalg.eigh(scaled)
+        held = self.known[: self.base, : self.base].any()
+        kept = values > (WEAK_WITH_PRIOR if held else WEAK) * values[-1]
+        return V[:, kept] / np.sqrt(values[kept]) * unit[:, None]
 
     @cached_property
     def theta(self) -> Floats:
         """Base parameters, known errors, amplitudes of effects, (w,)."""
-        return self.solved(self.gram.sum(axis=0)[:-1, -1])
+        return self.root @ (self.root.T @ self.information[:-1, -1])
 
     @property
     def amplitudes(self) -> Floats:
         """Amplitudes of the effects, one after the other."""
-        return self.theta[self.baseline[0].shape[1] :]
+        return self.theta[len(self.known) - 1 :]
 
     @cached_property
     def e(self) -> list[Floats]:
         """Residuals of each joint, n of (M_j,)."""
-        return [y - self.columns(j) @ self.theta for j, y in enumerate(self.y)]
-
-    def with_effects(self, effects: Sequence[EffectColumns]) -> Regression:
-        """Return the regression with the columns of other effects."""
-        return replace(self, effects=tuple(effects))
+        return [y - X @ self.theta for X, y in zip(self.X, self.y, strict=True)]
 
 
 def whitened_regression(
-    rows: GapRows, noise: NoiseModel, prior: Floats | None = None, *, nuisance: bool = True
+    rows: GapRows, noise: NoiseModel, prior: Floats | float = 0.0, *, nuisance: bool = True
 ) -> Regression:
     """Whiten the rows of all joints.
 
     Args:
         rows: only those that count are used.
         noise: the noise of each joint.
-        prior: further rows [columns, value] on the base parameters, (r, p + 1).
-        nuisance: whether shapes of reversals are fitted as known errors.
+        prior: products of further rows [columns, value] on the base parameters, (p + 1, p + 1); 0 for none.
+        nuisance: whether shapes of reversals are fitted as known errors of one standard deviation each.
     """
     n, p = rows.W.shape[1:]
-    baseline, y = [], []
+    turns = rows.turns if nuisance else rows.turns[:, :0]
+    c, base = turns.shape[1], np.r_[:p, -1]
+    known = np.diag([*np.zeros(p), *np.ones(n * c), 0.0])
+    known[np.ix_(base, base)] += prior
+    X, y = [], []
     for j in range(n):
-        W = noise.whiten(rows, j, np.ascontiguousarray(rows.W[:, j].T)).T
-        if nuisance:
-            own = noise.whiten(rows, j, rows.turns[j])
-            W = np.concatenate([W, np.zeros((len(W), n * len(own)))], axis=1)
-            W[:, p + j * len(own) :][:, : len(own)] = own.T
-        baseline.append(W)
+        own = noise.whiten(rows, j, np.concatenate([rows.W[:, j].T, turns[j]]))
+        X.append(np.zeros((own.shape[1], p + n * c)))
+        X[j][:, np.r_[:p, p + j * c : p + j * c + c]] = own.T
         y.append(noise.whiten(rows, j, rows.tau[:, j]))
-    return Regression(rows, noise, baseline, y, prior)
+    return Regression(rows, noise, X, y, known)

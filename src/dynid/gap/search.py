@@ -23,7 +23,6 @@ from dynid.gap.candidates import (
     visible_share,
 )
 from dynid.gap.evidence import Evidence, EvidenceRows, evidence_of
-from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.shapes import integrated, over_shapes
@@ -91,30 +90,27 @@ class State:
 
     Attributes:
         named: the names.
-        added: columns of T, those of names first, {joint: (k, F)} each.
         evidence: with them, sized.
-        rows: the rows, effects scaled with the parameters that go with the names.
+        rows: the rows with the columns of the names, effects scaled with the parameters that go with these.
         candidates: all that may be named beside them.
     """
 
-    named: tuple[Look, ...]
-    added: tuple[EffectColumns, ...]
+    named: Sequence[Look]
     evidence: Evidence
     rows: EvidenceRows
-    candidates: tuple[Candidate, ...]
+    candidates: Sequence[Candidate] = ()
 
     def columns(self, k: int) -> slice:
         """Return where the columns of one name are among T."""
-        ends = self.evidence.base + np.cumsum(
-            [0, *(len(next(iter(x.values()))) for x in self.added)]
-        )
+        counts = [one.alone.rms.shape[1] for one in self.named]
+        ends = self.evidence.base + np.cumsum([0, *counts])
         return slice(*ends[k : k + 2].tolist())
 
     def without(self, k: int) -> State:
         """Return the state without one name, the rest sized again."""
         evidence = self.evidence.without(self.columns(k))
-        named = self.named[:k] + self.named[k + 1 :]
-        return replace(self, named=named, evidence=evidence.sized(range(len(evidence.joints))))
+        named = [*self.named[:k], *self.named[k + 1 :]]
+        return replace(self, named=named, evidence=evidence.sized())
 
 
 def not_ruled_out(log_odds: float) -> float:
@@ -174,27 +170,25 @@ class Search:
             x.at for x in self.places if not x.always and options.barred & {x.joints[:1], x.key}
         }
         self.instead: list[Sequence[Look]] = []
-        candidates = self._candidates(self.rows, ())
+        candidates = self._candidates(self.rows)
         for one in candidates:
             share = visible_share(self.first, one, self.problem.base.rank)
             self.visibility[one.place.key] = max(share, self.visibility.get(one.place.key, 0.0))
         self.places_of = Counter(name for (name, _), _ in {c.place.at for c in candidates})
-        return State((), (), self.first, self.rows, candidates)
+        return State([], self.first, self.rows, candidates)
 
-    def _candidates(
-        self, rows: EvidenceRows, added: Sequence[EffectColumns]
-    ) -> tuple[Candidate, ...]:
+    def _candidates(self, rows: EvidenceRows) -> list[Candidate]:
         """Return all candidates beside what is named, each made once, and again at a size that it was found to have."""
         candidates: list[Candidate] = []
         done = 0
         for key, group in groupby(self.places, lambda place: (place.key, place.effect.at)):
             places = tuple(group)
             if places not in self.made:
-                self.made[places] = candidates_of(rows, places)
+                self.made[places] = candidates_of(replace(rows, own=self.rows.own), places)
             candidates += self.made[places]
             done += len(places)
             advance(done, len(self.places), key[0][0])
-        return tuple(one.with_added(rows, added) for one in candidates)
+        return [one.beside(rows) for one in candidates]
 
     def run(
         self, options: SelectionOptions, *, delay: bool
@@ -270,9 +264,7 @@ class Search:
         exact = []
         for one in looks:
             if one.log_odds > top - BEHIND:
-                gain, shape, scale = integrated(
-                    one.evidence, state.rows, one.candidate, state.added
-                )
+                gain, shape, scale = integrated(one.evidence, state.rows, one.candidate)
                 sure = self._odds(state, one.candidate, one.evidence, gain)
                 exact.append(replace(one, shape=shape, scale=scale, log_odds=sure))
         return sorted(exact, key=lambda one: -one.log_odds)
@@ -291,10 +283,10 @@ class Search:
         gained = gains(state.evidence, one)
         g = int(np.argmax(gained.log_odds))
         # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
-        _, shape, scale = integrated(bare, state.rows, one, state.added)
+        _, shape, scale = integrated(bare, state.rows, one)
         looks = [self._look_from(state, one, one.at(g), float(gained.scale[g]))]
         if shape != one.shapes[g]:
-            refined = candidate(state.rows, one.place, [shape], state.added)
+            refined = candidate(state.rows, one.place, [shape])
             looks.append(self._look_from(state, one, refined, scale))
         return max(looks, key=lambda look: look.log_odds)
 
@@ -330,7 +322,7 @@ class Search:
         return sizes
 
     # ------------------------------------------------------------ names
-    def _built(self, named: Sequence[Look], sized: Evidence) -> State:
+    def _built(self, named: list[Look], sized: Evidence) -> State:
         """Return the state of some names, all columns made at the parameters and sizes that go with them.
 
         Args:
@@ -339,27 +331,28 @@ class Search:
         """
         rows, base = self.rows, self.problem.base
         for _ in range(2):
-            evidence, added = self.first.sized_as(sized), list[EffectColumns]()
-            for one in named:
-                made = candidate(rows, one.place, [one.shape], added)
-                evidence = made.among(evidence, one.scale)
-                added.append({j: C[0] for j, C in made.columns.items()})
-            sized = evidence.sized(range(len(evidence.joints)))
+            evidence, rows = self.first.sized_as(sized), replace(rows, own=self.rows.own)
+            for k, one in enumerate(named):
+                alone = candidate(rows, one.place, [one.shape])
+                named[k] = replace(one, alone=alone)
+                evidence = alone.among(evidence, one.scale)
+                rows = rows.with_name({j: C[0] for j, C in alone.columns.items()})
+            sized = evidence.sized()
             # Now scaled with the parameters and sizes that were found.
-            theta, at, exact = sized.estimate, self.first.width, {}
-            for one in named:
-                names = list(one.place.effect.amplitudes(one.shape))
-                own = dict(zip(names, theta[at : at + len(names)].tolist(), strict=True))
-                at += len(names)
-                exact[one.place.at] = replace(one.place, effect=one.place.effect.at_size(own))
+            theta, exact = sized.estimate, dict[tuple[Key, bool], Place]()
+            for k, one in enumerate(named):
+                amplitudes = one.place.effect.amplitudes(one.shape)
+                size = theta[State(named, sized, rows).columns(k)].tolist()
+                effect = one.place.effect.at_size(dict(zip(amplitudes, size, strict=True)))
+                exact[one.place.at] = replace(one.place, effect=effect)
+                named[k] = replace(one, place=exact[one.place.at])
             again = any(one.place.effect.needs_model for one in named)
-            named = [replace(one, place=exact[one.place.at]) for one in named]
             self.places = [exact.get(place.at, place) for place in self.places]
             anew = self.rows.rows.with_reference(base, theta[: base.rank])
-            rows = replace(self.rows, bands=replace(self.rows.bands, rows=anew))
+            rows = replace(rows, bands=replace(rows.bands, rows=anew))
             if not again:
                 break
-        return State(tuple(named), tuple(added), sized, rows, self._candidates(rows, added))
+        return State(named, sized, rows, self._candidates(rows))
 
     def _look_instead(self, state: State, last: Sequence[Look] = ()) -> None:
         """Look at what explains the rows in place of each name that is told, itself included; ``last`` for the last."""
@@ -413,7 +406,7 @@ class Search:
             )
             with_odds.append(replace(one, log_odds=own, rivals=rivals))
         if likely is None or likely.late or likely.log_odds <= logit(tuning.LIKELY):
-            return replace(state, named=tuple(with_odds))
+            return replace(state, named=with_odds)
         return self._built([*with_odds, likely], likely.evidence)
 
     def _late(self, state: State, look: Look) -> SelectedEffect:
@@ -427,7 +420,7 @@ class Search:
         """Return a name with sizes and errors, everything else and its own shape being integrated out."""
         one, part = state.named[k], state.columns(k)
         mode = state.evidence.estimate[part]
-        visible = self._seen(state.evidence, part, mode, one.place, list(state.added[k]))
+        visible = self._seen(state.evidence, part, mode, one.place, list(one.alone.own))
         equals = [place for place, x in one.rivals if x > not_ruled_out(one.log_odds)]
         odds = np.array([0.0, one.log_odds, *(x for _, x in one.rivals)])
         return replace(
@@ -442,7 +435,7 @@ class Search:
     ) -> SelectedEffect:
         """Return what is looked at with its numbers, by its evidence without it and its visible size by joint."""
         effect = one.place.effect
-        sizes = over_shapes(beside, state.rows, one.place, one.shape, state.added)
+        sizes = over_shapes(beside, state.rows, one.place, one.shape)
         size, power = sizes.amplitudes, np.diag(sizes.covariance)
         there = power > 0
         covariance = sizes.covariance[np.ix_(there, there)]

@@ -16,7 +16,6 @@ from dynid.arrays import Floats
 from dynid.gap import tuning
 from dynid.gap.candidates import Candidate, Gains, Place, candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
-from dynid.gap.gap_rows import EffectColumns
 from dynid.model.effects.interface import Effect
 
 #: Beyond the grid, in first steps, that a shape may be.
@@ -110,7 +109,6 @@ def over_shapes(
     rows: EvidenceRows,
     place: Place,
     best: dict[str, float],
-    added: Sequence[EffectColumns],
 ) -> OverShapes:
     """Return an effect over its shapes: those of its grid, or of a lattice where they are refined.
 
@@ -119,7 +117,6 @@ def over_shapes(
         rows: what is common and the rest.
         place: the effect and where it sits.
         best: its best shape so far.
-        added: columns that have been added to T, one effect after the other.
     """
     effect, names = place.effect, [*place.effect.amplitudes(best)]
     grid = effect.grid(rows.rows.motion, place.joints)
@@ -135,7 +132,7 @@ def over_shapes(
             inside = np.all(np.abs(x - (low + high) / 2) <= wide * (0.5 + 1e-9), axis=1)
             # Why the best shape too: a lattice that is too wide for the peak has no point near it.
             shapes = [*(from_steps(effect, best, y) for y in x[inside]), best]
-        gained = gains(evidence, candidate(rows, place, shapes, added))
+        gained = gains(evidence, candidate(rows, place, shapes))
         odds = gained.log_odds
         g = int(np.argmax(odds))
         between = odds[-1] > odds[:-1].max(initial=-np.inf) + BETWEEN
@@ -175,7 +172,7 @@ def mixed(weights: Floats, gained: Gains) -> tuple[Floats, Floats]:
 
 
 def integrated(
-    evidence: Evidence, rows: EvidenceRows, one: Candidate, added: Sequence[EffectColumns]
+    evidence: Evidence, rows: EvidenceRows, one: Candidate
 ) -> tuple[float, dict[str, float], float]:
     """Return the log Bayes factor of an effect over all its shapes, its best shape, and the scale of its prior there.
 
@@ -183,13 +180,12 @@ def integrated(
         evidence: what is beside it, its sizes fixed.
         rows: what is common and the rest.
         one: the effect on its grid.
-        added: columns that have been added to T, one effect after the other.
     """
     on_grid, steps = gains(evidence, one), one.place.effect.steps
     best = int(np.argmax(on_grid.log_odds))
     mean = float(np.logaddexp.reduce(on_grid.log_odds) - np.log(len(one.shapes)))
     if not steps or on_grid.log_odds[best] < -1e8:
         return mean, one.shapes[best], float(on_grid.scale[best])
-    closed = over_shapes(evidence, rows, one.place, one.shapes[best], added)
+    closed = over_shapes(evidence, rows, one.place, one.shapes[best])
     other = len({tuple(v for name, v in s.items() if name not in steps) for s in one.shapes})
     return max(mean, closed.log_odds - float(np.log(other))), closed.best, closed.scale

@@ -177,7 +177,7 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
         lambda t, q, qd, qdd: on_joint(1, 0.5 * np.sign(qd[:, 1]) * np.abs(qd[:, 1]) ** 1.7),
     )
     place, beside = Place(CATALOGUE["nonlinear_viscous"], (1,)), chosen.first.smaller(1.0)
-    found = over_shapes(beside, chosen.rows, place, {"p": 1.7}, ())
+    found = over_shapes(beside, chosen.rows, place, {"p": 1.7})
     x = np.linspace(np.log(1.05), np.log(3.0), 400)
     weights, mean, error = summed(beside, chosen.rows, place, [{"p": p} for p in np.exp(x)])
     assert found.amplitudes[0] == pytest.approx(mean, abs=0.1 * error)
@@ -204,7 +204,7 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
     """Its speed and sharpness go together: the posterior is a ridge that is thin across both."""
     chosen = selection(twolinks, hump(on_joint, 0.3, speed, sharpness))
     place, beside = Place(CATALOGUE["stribeck"], (1,)), chosen.first.smaller(1.0)
-    found = over_shapes(beside, chosen.rows, place, {"vs": speed, "d": sharpness}, ())
+    found = over_shapes(beside, chosen.rows, place, {"vs": speed, "d": sharpness})
     axes = np.geomspace(0.018, 0.25, 70), np.geomspace(0.6, 2.5, 50)
     shapes = [{"vs": vs, "d": d} for d in axes[1] for vs in axes[0]]
     _, mean, error = summed(beside, chosen.rows, place, shapes)
