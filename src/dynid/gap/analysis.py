@@ -24,6 +24,7 @@ from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.verdict import LIKELY, SEEN, advice_of, joints_with_more, refusal, verdict_of
 from dynid.judgement.gap import HeldOutImprovement, JointGap
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import DELAY
 from dynid.model.parameters import BODY_PARAMETERS
 from dynid.signals.conditioned_log import ConditionedLog
 
@@ -142,7 +143,7 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
     in_time = replace(first, noise=problem.noise, in_force=problem.in_force)
 
     def left_by(some: Sequence[SelectedEffect]) -> Floats:
-        late = any(one.name == "torque_delay" for one in some)
+        late = any(one.name == DELAY for one in some)
         return held_out(problem if late else in_time, some)
 
     def power(left: Floats) -> float:

@@ -15,7 +15,7 @@ from dynid.gap.evidence import Evidence, EvidenceRows, forward, lower_root
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key
-from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.catalogue import CATALOGUE, DELAY
 from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import Joints
 
@@ -199,7 +199,7 @@ def places_of(problem: GapProblem, options: SelectionOptions, *, delay: bool) ->
         for joints in effect.candidate_joints(problem.base.robot.n)
         if not joints or ((not options.joints or joints[0] in options.joints) and moves[joints[0]])
         for always in ((False, True) if problem.rows.compared else (False,))
-        if (delay and not always) or effect.name != "torque_delay"
+        if (delay and not always) or effect.name != DELAY
         if ("frozen" if problem.since and not always else "refit") in effect.uses
         if not _in_model(effect, joints, problem, refit=always or not problem.since)
     ]

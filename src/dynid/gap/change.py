@@ -28,7 +28,7 @@ from dynid.gap.gap_rows import GapRows
 from dynid.gap.noise import NoiseModel
 from dynid.gap.problem import GapProblem, searched_rms, unwhitened_fit
 from dynid.gap.regression import whitened_regression
-from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
+from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
 
 #: A joint has changed when its common fit is this much worse, beyond 1, than that of unlike halves of the same logs, or
 #: the new logs leave this much more, beyond 1, than one half leaves over the other: between two motions all joints are
@@ -89,7 +89,7 @@ def still_changed(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Ch
         problem: a search for changes, old logs among its rows.
         selected: what is taken out.
     """
-    selected, rows = with_columns(selected), problem.rows
+    rows = problem.rows
     fit = with_selected(problem.regression(), selected)
     torques = torque_in_rows(fit.rows, selected, fit.amplitudes)
     return change_test(*with_always_missing(problem, replace(rows, tau=rows.tau - sum(torques))))

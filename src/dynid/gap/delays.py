@@ -15,11 +15,12 @@ from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.evidence import Rest
 from dynid.gap.problem import GapProblem, make_problem
-from dynid.gap.search import DELAY, Search, State
+from dynid.gap.search import Search, State
 from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.strays import find_strays
 from dynid.judgement.gap import Event
 from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import DELAY
 from dynid.options import LONGEST_DELAY
 from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
 
@@ -156,26 +157,22 @@ def late_torques(problem: GapProblem) -> float:
     Args:
         problem: what is searched.
     """
-    bare = replace(problem, rows=problem.every).regression()
-    rows, moved = bare.rows, np.zeros((*bare.rows.tau.T.shape, len(TRIED)))
-    every = ~rows.is_new
+    rows, moved = problem.every, np.zeros((*problem.every.tau.T.shape, len(TRIED)))
+    inside = ~rows.is_new
     for part, new in zip(rows.parts, rows.new, strict=True):
         t = rows.t[part]
-        every[part] |= (t >= t[0] + LONGEST_DELAY) & (t <= t[-1] - LONGEST_DELAY)
+        inside[part] |= (t >= t[0] + LONGEST_DELAY) & (t <= t[-1] - LONGEST_DELAY)
         wanted = np.clip(t[:, None] + TRIED * new, t[0], t[-1])
         moved[:, part] = CubicSpline(t, rows.tau[part], axis=0)(wanted).transpose(2, 0, 1)
-    chosen, right = [], np.tile(bare.known[:-1, -1:], len(TRIED))
-    for j, X in enumerate(bare.X):
-        kept = every[bare.noise.counting(rows, j)]
-        A, y = X[kept], bare.noise.whiten(rows, j, moved[j].T)[:, kept]
-        chosen.append((A, y))
-        right += A.T @ y.T
-    theta = bare.root @ (bare.root.T @ right)
-    left = np.array([np.sum((y - (A @ theta).T) ** 2, axis=1) for A, y in chosen])
+    bare = replace(problem, rows=rows.only(inside)).regression()
+    late = [bare.noise.whiten(bare.rows, j, x.T) for j, x in enumerate(moved)]
+    pairs = list(zip(bare.X, late, strict=True))
+    theta = bare.root @ (bare.root.T @ (bare.known[:-1, -1:] + sum(X.T @ y.T for X, y in pairs)))
+    left = np.array([np.sum((y.T - X @ theta) ** 2, axis=0) for X, y in pairs])
     total = left.sum(axis=0)
     best, still = int(np.argmin(total)), len(TRIED) // 2
     # Why over what is left: a model that lacks something leaves more than noise, whatever the delay.
-    noise = max(float(total[best]) / max(sum(y.shape[1] for _, y in chosen), 1), 1.0)
+    noise = max(float(total[best]) / max(sum(y.shape[1] for y in late), 1), 1.0)
     gain: Floats = (left[:, still] - left[:, best]) / noise
     if gain.sum() < SURE or gain.min() < -SURE / 2:
         return 0.0

@@ -38,17 +38,16 @@ def prediction(
 
     They are fitted to the training rows, without what is not judged.
     """
-    effects, rows = with_columns(selected), problem.rows
-    weighted = replace(problem, noise=problem.in_force or problem.noise)
-    fit = with_selected(weighted.regression(nuisance=False), effects)
-    if effects:
+    rows, weighted = problem.rows, replace(problem, noise=problem.in_force or problem.noise)
+    fit = with_selected(weighted.regression(nuisance=False), selected)
+    if any(one.effect.needs_model for one in selected):
         # Effects that follow the model's torque follow that of the fit.
         again = weighted.regression(fit.theta[: fit.base], nuisance=False)
-        fit = with_selected(again, effects)
+        fit = with_selected(again, selected)
     theta, sizes = fit.theta[: fit.base], fit.amplitudes
     if problem.in_force is not None:
         theta, sizes, _ = Links.beside(fit, problem.base).fit()
-    torques = torque_in_rows(replace(fit.rows, use=rows.use), effects, sizes)
+    torques = torque_in_rows(replace(fit.rows, use=rows.use), selected, sizes)
     return rows.tau - rows.W @ theta - sum(torques), torques
 
 
@@ -151,7 +150,7 @@ def held_out_effects(
 def clue(search: EffectSearch, joint: int) -> str:
     """Return what is known of a joint that no effect explains: what its residual follows, and whether it repeats."""
     problem = search.problem
-    regression = with_selected(problem.regression(), with_columns(search.selected))
+    regression = with_selected(problem.regression(), search.selected)
     noise, names = regression.noise, problem.base.robot.joint_names
     e, use = regression.e[joint] * noise.count[joint] ** 0.5, noise.counting(regression.rows, joint)
     near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < len(names)]

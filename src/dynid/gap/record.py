@@ -13,7 +13,7 @@ from dynid.gap.held_out import clue, held_out_effects
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.verdict import LIKELY, explained_share, joints_text, unrepeatable
 from dynid.judgement.gap import GapEffect, GapRecord
-from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.catalogue import CATALOGUE, DELAY
 from dynid.robot import Robot
 from dynid.units import joint_unit
 
@@ -78,7 +78,7 @@ def effect_of(
 ) -> GapEffect:
     """Return an effect as plain values, ``why_not`` being the reason why it is not named."""
     names, j, before = result.robot.joint_names, one.joint, analysis.improvement.before
-    joint, late = result.robot.joints[j], one.name == "torque_delay"
+    joint, late = result.robot.joints[j], one.name == DELAY
     sizes = []
     for name, value in one.values.items():
         error = one.std_errors.get(name, 0.0)

@@ -26,6 +26,7 @@ from dynid.gap.evidence import Evidence, EvidenceRows, evidence_of
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.shapes import integrated, over_shapes
+from dynid.model.effects.catalogue import DELAY
 from dynid.progress import advance
 
 #: Log odds behind the first from which shapes are not integrated any more: it cannot come near.
@@ -44,7 +45,6 @@ SIMPLER = {
     ),
     "viscous": ("nonlinear_viscous", "asymmetric_viscous", "warmup_friction"),
 }
-DELAY = "torque_delay"
 
 
 @dataclass(frozen=True)

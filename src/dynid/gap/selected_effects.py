@@ -10,6 +10,7 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.regression import Regression
+from dynid.model.effects.catalogue import DELAY
 from dynid.model.effects.interface import Effect
 from dynid.model.effects.motion import Joints
 
@@ -72,20 +73,20 @@ class SelectedEffect:
 
 def with_columns(effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """Return the effects that have columns: all but a delay, which is taken out of the logs."""
-    return [one for one in effects if one.name != "torque_delay"]
+    return [one for one in effects if one.name != DELAY]
 
 
 def with_selected(regression: Regression, selected: Sequence[SelectedEffect]) -> Regression:
-    """Return the regression with selected effects."""
+    """Return the regression with the columns of selected effects."""
     return regression.with_effects(
-        [regression.columns_of(one.effect, one.joints, one.shape) for one in selected]
+        [regression.columns_of(x.effect, x.joints, x.shape) for x in with_columns(selected)]
     )
 
 
 def torque_in_rows(
     rows: GapRows, selected: Sequence[SelectedEffect], amplitudes: Floats
 ) -> list[Floats]:
-    """Return the torque of each effect in rows, (M, n) [N m or N]; nothing where it does not act yet.
+    """Return the torque of each effect with columns in rows, (M, n) [N m or N]; nothing where it does not act yet.
 
     Args:
         rows: the rows.
@@ -93,7 +94,7 @@ def torque_in_rows(
         amplitudes: of all their columns, one after the other.
     """
     torques, at = [], 0
-    for one in selected:
+    for one in with_columns(selected):
         own = amplitudes[at : at + len(one.amplitudes)]
         at += len(own)
         torques.append(np.zeros(rows.tau.shape))

@@ -11,7 +11,7 @@ from dynid.gap import tuning
 from dynid.gap.counterbalance import COUNTERBALANCE
 from dynid.gap.delays import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.catalogue import CATALOGUE, DELAY
 from dynid.model.effects.motion import Joints
 
 #: A delay below this share of the sampling period is how a recorder reads position and torque, not a missing effect.
@@ -45,7 +45,7 @@ def refusal(
         changed: joints on which old and new logs do not agree, before anything is taken out; None where nobody asks.
         fall: by how much it lowers the squared held-out errors, over the square of what it changes there.
     """
-    sure, late = search.options.sure, one.name == "torque_delay"
+    sure, late = search.options.sure, one.name == DELAY
     rate = search.problem.rows.logs[0].filter.rate
     probability = 1.0 if late else expit(one.log_odds)
     # How large what is left of its joints is, over the effect.

@@ -14,9 +14,9 @@ from dynid.gap.problem import make_problem
 
 @pytest.mark.parametrize("seconds", [0.23, -0.12])
 def test_torques_that_are_late_since_are_found_on_another_motion(twolinks, old, kept, seconds):
-    new = twolinks.logs(plans=(5, 6), first=20, delay=seconds)
+    new = twolinks.logs(plans=(5, 6), first=20, delay=seconds, seconds=4.0)
     late = late_torques(make_problem(new, twolinks.base, kept, old))
-    assert late == pytest.approx(seconds, abs=2e-3)
+    assert late == pytest.approx(seconds, abs=1e-3)
 
 
 @pytest.mark.slow
