@@ -26,7 +26,7 @@ from dynid.estimation.possible_set import PhysicalConstraints
 from dynid.gap import tuning
 from dynid.gap.candidates import visible
 from dynid.gap.gap_rows import EffectColumns
-from dynid.gap.problem import GapProblem, judged_by_possible
+from dynid.gap.problem import GapProblem, possible_noise
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import Key, SelectedEffect, with_selected
 from dynid.model.base_model import BaseModel
@@ -159,15 +159,15 @@ class Suspicion:
         chance = np.exp(-0.5 * (np.log(MASSES) / tuning.MASS_SPREAD) ** 2)
         return float(likely @ chance / chance.sum())
 
-    def selected(self, joint: int, visible: float) -> SelectedEffect:
-        """Return it as an effect that was found, with the joint that shows it most and its visible size there."""
+    def selected(self, visible: float) -> SelectedEffect:
+        """Return it as an effect that was found, with its visible size."""
         effect = CATALOGUE[COUNTERBALANCE]
         values, errors = (dict(zip(effect.units, x, strict=True)) for x in self.sizes.tolist())
         return SelectedEffect(
             effect=effect,
             joints=(self.joint,),
             shape={},
-            joint=joint,
+            joint=self.joint,
             visible=visible,
             log_odds=min(self.gains) / 2 - tuning.COUNTERBALANCE_RARE,
             p_value=self.chance,
@@ -187,28 +187,24 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
     bare, base = _beside_links(problem), problem.base
     suspected = _suspected(with_selected(bare, selected), base)
     for one in selected:
-        joint = one.joints[0] if one.name in LOOKALIKES else None
-        if joint is None or joint in {other.joint for other in suspected}:
+        if one.name not in LOOKALIKES or one.joints[0] in suspected:
             continue
         # Why without it: jointly with what carries the weight in its stead, no links are implausible.
         regression = with_selected(bare, [other for other in selected if other is not one])
-        sure = [each for each in _suspected(regression, base) if each.joint == joint and each.sure]
-        if sure:
+        each = _suspected(regression, base).get(one.joints[0])
+        if each and each.sure:
             columns = regression.columns_of(one.effect, one.joints, one.shape)
             without, with_it = (Links.beside(regression, base, x) for x in ((), (columns,)))
             own = gains(without, with_it, MASSES[:1])[0]
-            suspected += [
-                replace(each, rivals=() if each.gains[0] > own + EQUAL else (one.key,))
-                for each in sure
-                if each.gains[0] >= AS_GOOD * own
-            ]
-    return suspected
+            if each.gains[0] >= AS_GOOD * own:
+                rivals = () if each.gains[0] > own + EQUAL else (one.key,)
+                suspected[each.joint] = replace(each, rivals=rivals)
+    return list(suspected.values())
 
 
 def _beside_links(problem: GapProblem) -> Regression:
     """Return rows whose noise is at least what parameters without any bounds leave: that says nothing about links."""
-    by_possible = judged_by_possible(problem)
-    return replace(problem, noise=by_possible.in_force or problem.noise).regression()
+    return replace(problem, noise=possible_noise(problem)).regression()
 
 
 def counterbalances(
@@ -225,21 +221,20 @@ def counterbalances(
     effects = [x for x in selected if x.name not in LOOKALIKES or x.joints[0] not in every]
     effect, bare = CATALOGUE[COUNTERBALANCE], _beside_links(problem)
     for _ in every:
-        likely = _suspected(with_selected(bare, effects), problem.base)
+        likely = _suspected(with_selected(bare, effects), problem.base).values()
         left = [each for each in likely if each.sure and each.joint in every]
         if not left:
             break
         best = max(left, key=lambda each: min(each.gains))
-        columns = bare.columns_of(effect, (best.joint,), {})
-        rms = {j: float(np.sqrt(np.mean((best.sizes[0] @ C) ** 2))) for j, C in columns.items()}
-        joint = max(rms, key=lambda j: rms[j])
-        effects.append(replace(best.selected(joint, rms[joint]), rivals=every[best.joint].rivals))
+        column = best.sizes[0] @ bare.columns_of(effect, (best.joint,), {})[best.joint]
+        one = best.selected(visible=float(np.sqrt(np.mean(column**2))))
+        effects.append(replace(one, rivals=every[best.joint].rivals))
     return effects
 
 
-def _suspected(regression: Regression, base: BaseModel) -> list[Suspicion]:
+def _suspected(regression: Regression, base: BaseModel) -> dict[int, Suspicion]:
     """Return the joints that are likely to have a counterbalance jointly with the effects of a regression."""
-    without, suspected = Links.beside(regression, base), []
+    without, suspected = Links.beside(regression, base), {}
     for joint, columns in imitated_counterbalances(regression, base).items():
         with_it = Links.beside(regression, base, [columns])
         gain = gains(without, with_it, MASSES[:1])
@@ -247,7 +242,7 @@ def _suspected(regression: Regression, base: BaseModel) -> list[Suspicion]:
             gain += gains(without, with_it, MASSES[1:])
             one = _described(without, with_it, joint, gain)
             if one.searched or one.instead_of:
-                suspected.append(one)
+                suspected[joint] = one
     return suspected
 
 
@@ -294,12 +289,11 @@ def _described(without: Links, with_it: Links, joint: int, gain: tuple[float, ..
 def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[int, EffectColumns]:
     """Return the columns of the counterbalances that links imitate, by joint."""
     effect, imitated = CATALOGUE[COUNTERBALANCE], {}
-    for joints in effect.candidate_joints(base.robot.n):
-        columns = regression.columns_of(effect, joints, {})
-        own = np.sum([C @ C.T for C in columns.values()], axis=0)
-        sides = np.sum([C @ regression.X[j] for j, C in columns.items()], axis=0)
+    for (j,) in effect.candidate_joints(base.robot.n):
+        columns = regression.columns_of(effect, (j,), {})
+        own, sides = columns[j] @ columns[j].T, columns[j] @ regression.X[j]
         if visible(own, sides, regression.information[:-1, :-1]) <= IMITATED:
-            imitated[joints[0]] = columns
+            imitated[j] = columns
     return imitated
 
 

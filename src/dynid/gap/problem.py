@@ -158,15 +158,19 @@ def _measured(
     )
 
 
+def possible_noise(problem: GapProblem) -> NoiseModel:
+    """Return the noise that the best possible arm is fitted with: at least what parameters without any bounds leave."""
+    residual = unwhitened_fit(problem.rows)[1]
+    return with_misfit(problem.noise, problem.rows, residual, searched_rms(problem.rows, residual))
+
+
 def judged_by_possible(problem: GapProblem) -> GapProblem:
     """Return a problem whose held-out rows are judged by the best possible arm jointly with the effects.
 
     A refit without bounds moves what the rows hardly determine, and with it joints that an effect has nothing to do
     with. What parameters without any bounds do not explain says nothing about links.
     """
-    residual = unwhitened_fit(problem.rows)[1]
-    noise = with_misfit(problem.noise, problem.rows, residual, searched_rms(problem.rows, residual))
-    return replace(problem, in_force=noise)
+    return replace(problem, in_force=possible_noise(problem))
 
 
 def _first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:

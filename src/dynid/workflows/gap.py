@@ -649,7 +649,7 @@ def _with_likely(gap: Gap, suspected: Sequence[Suspicion]) -> Gap:
     likely = []
     for one in doubtful:
         why = f"torques alone do not separate it from {one.instead_of}"
-        effect = effect_of(one.selected(one.joint, 0.0), gap.analysis, gap.searched, why)
+        effect = effect_of(one.selected(visible=0.0), gap.analysis, gap.searched, why)
         likely.append(replace(effect, probability=one.probability))
     links = " and ".join(dict.fromkeys(f"link {one.link}" for one in doubtful))
     return replace(
