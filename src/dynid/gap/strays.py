@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import label
 
 from dynid.arrays import Floats, Ints
 from dynid.gap import tuning
@@ -50,10 +51,11 @@ def _loudest(joint: Joint, left: Floats, index: Ints, rows: GapRows, floor: floa
     k = int(np.argmax(np.where(full, power, 0.0)))
     if usual <= 0 or power[k] < tuning.STRAY_POWER * max(usual, 1.0):
         return None
-    near = np.abs(names - names[k]) <= np.abs(np.arange(len(names)) - k)
-    chosen = index[((power > 0.25 * power[k]) & near)[place]]
-    part = rows.part[index[np.argmax(place == k)]]
-    times = rows.stamp[chosen[rows.part[chosen] == part]]
+    # Blocks without a gap between them that are loud, too: what goes on is one disturbance.
+    run = label(np.bincount(names, power > 0.25 * power[k]) > 0)[0][block]
+    first = np.argmax(place == k)
+    part = rows.part[index[first]]
+    times = rows.stamp[index[(run == run[first]) & (rows.part[index] == part)]]
     log = rows.logs[part]
     return Event(
         log=log.path or log.name,
