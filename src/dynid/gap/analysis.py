@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +15,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import Suspicion, counterbalances
-from dynid.gap.delays import EffectSearch, search_at, search_effects
+from dynid.gap.delays import EffectSearch, search_effects, searches
 from dynid.gap.held_out import held_out, held_out_improvement
 from dynid.gap.localisation import localise_residual
 from dynid.gap.problem import judged_by_possible
@@ -99,7 +98,7 @@ def analyse_gap(
     before = on_one_clock(earlier) if earlier else ()
     refused: Sequence[tuple[SelectedEffect, str]] = ()
     logs = on_one_clock(logs)
-    at = lru_cache(partial(search_at, logs, base, kept, before))
+    at = searches(logs, base, kept, before)
     while True:
         search = search_effects(logs, at, options)
         if possible and kept is None:
@@ -138,7 +137,9 @@ def _proved(search: EffectSearch, before: Sequence[tuple[SelectedEffect, str]] =
     refused = list(before)
     # Why not of the same motion: what always was cancels there.
     on_another_motion = problem.rows.compared and not problem.same_motion
-    changed = still_changed(first, []).joints if on_another_motion and effects else None
+    changed: Sequence[int] = range(problem.base.robot.n)
+    if on_another_motion and effects:
+        changed = still_changed(first, []).joints
     # Why the same noise: it weighs the joints, and another weight is another fit.
     in_time = replace(first, noise=problem.noise, in_force=problem.in_force)
 

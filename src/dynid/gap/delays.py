@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -71,26 +71,29 @@ class EffectSearch:
         return replace(self, selected=selected, state=replace(state, evidence=sized))
 
 
-def search_at(
+def searches(
     logs: Sequence[ConditionedLog],
     base: BaseModel,
     kept: Identification | None,
-    earlier: Sequence[ConditionedLog],
-    delay: float,
-) -> Search:
-    """Return the search of logs whose torques are moved back.
+    earlier: Sequence[ConditionedLog] = (),
+) -> Callable[[float], Search]:
+    """Return what searches logs with torques moved back by a delay [s], each delay once.
 
     Args:
         logs: conditioned logs, all with the same filter.
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         earlier: conditioned logs that a kept model was identified from.
-        delay: of the torques [s].
     """
-    shifted = [
-        replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
-    ]
-    return Search(make_problem(shifted, base, kept, earlier))
+
+    @cache
+    def at(delay: float) -> Search:
+        shifted = [
+            replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
+        ]
+        return Search(make_problem(shifted, base, kept, earlier))
+
+    return at
 
 
 def search_effects(
@@ -100,7 +103,7 @@ def search_effects(
 
     Args:
         logs: the logs.
-        at: returns their search (``search_at``) with torques moved back by a delay [s].
+        at: returns their search with torques moved back by a delay [s] (``searches``).
         options: what is searched.
     """
     first = at(0.0).problem

