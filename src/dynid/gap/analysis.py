@@ -71,7 +71,7 @@ class GapAnalysis:
         joints: dict[str, list[int]] = {}
         for (name, where), share in self.search.visibility.items():
             if share < HIDDEN:
-                joints.setdefault(name, []).extend(where[:1])
+                joints.setdefault(name, []).extend(where)
         return joints
 
 

@@ -38,7 +38,7 @@ class EffectSearch:
         first: what was searched, before anything was found.
         problem: the same with delays taken out.
         selected: effects that were found, a delay included.
-        visibility: largest visible share of each candidate.
+        visibility: largest visible share of each effect by the joint that it acts on.
         state: all names that were found, with what is beside them.
     """
 

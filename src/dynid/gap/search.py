@@ -173,7 +173,8 @@ class Search:
         candidates = self._candidates(self.rows)
         for one in candidates:
             share = visible_share(self.first, one, self.problem.base.rank)
-            self.visibility[one.place.key] = max(share, self.visibility.get(one.place.key, 0.0))
+            key = one.place.effect.name, one.place.joints[:1]
+            self.visibility[key] = max(share, self.visibility.get(key, 0.0))
         self.places_of = Counter(name for (name, _), _ in {c.place.at for c in candidates})
         return State([], self.first, self.rows, candidates)
 
