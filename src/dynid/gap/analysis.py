@@ -1,4 +1,4 @@
-"""One analysis from conditioned logs to a verdict: where, what, how sure, and how far the gap shrinks."""
+"""One analysis from conditioned logs to a verdict: where, what, how sure, and how far the gap shrinks; its record."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from dynid.arrays import Floats
+from dynid.estimation.evidence import fingerprint
 from dynid.estimation.least_squares import solvable
 from dynid.estimation.payload import IdentifiedPayload
 from dynid.estimation.result import Identification
@@ -16,16 +17,28 @@ from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import Suspicion, counterbalances
 from dynid.gap.delays import EffectSearch, search_effects, searches
-from dynid.gap.held_out import held_out, held_out_improvement
+from dynid.gap.held_out import clue, held_out, held_out_effects, held_out_improvement
 from dynid.gap.localisation import localise_residual
 from dynid.gap.problem import judged_by_possible
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.gap.verdict import LIKELY, SEEN, advice_of, joints_with_more, refusal, verdict_of
-from dynid.judgement.gap import HeldOutImprovement, JointGap
+from dynid.gap.verdict import (
+    LIKELY,
+    SEEN,
+    advice_of,
+    explained_share,
+    joints_text,
+    joints_with_more,
+    refusal,
+    unrepeatable,
+    verdict_of,
+)
+from dynid.judgement.gap import GapEffect, GapRecord, HeldOutImprovement, JointGap
 from dynid.model.base_model import BaseModel
-from dynid.model.effects.catalogue import DELAY
+from dynid.model.effects.catalogue import CATALOGUE, DELAY
 from dynid.model.parameters import BODY_PARAMETERS
+from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog
+from dynid.units import joint_unit
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
 CUTOFF = 10.0
@@ -221,3 +234,101 @@ def with_reestimated_payload(
     )
     selected = [new if one is load else one for one in analysis.named]
     return replace(analysis, search=replace(analysis.search, selected=selected))
+
+
+# ---------------------------------------------------------------- as plain values
+def new_name(robot: Robot, effects: Sequence[GapEffect]) -> str:
+    """Return the name of the copy, such as ``arm+stribeck2``."""
+    index = {name: str(k + 1) for k, name in enumerate(robot.joint_names)}
+    parts = [
+        s.effect + ("_".join(index[j] for j in s.joints) if len(s.joints) < robot.n else "")
+        for s in effects
+    ]
+    return "+".join([robot.slug, *parts])
+
+
+def record_of(
+    analysis: GapAnalysis, result: Identification, question: str, asked: str
+) -> GapRecord:
+    """Return what an analysis found as plain values.
+
+    Args:
+        analysis: the analysis.
+        result: what was searched.
+        question: ``"numbers"``, ``"arm"`` or ``"changed"``.
+        asked: which questions were asked and why, in words.
+    """
+    search, robot, names = analysis.search, result.robot, result.robot.joint_names
+    problem, disturbed = search.problem, unrepeatable(search)
+    noise_from = "the high frequencies of the residual, a lower bound because no motion is repeated"
+    if problem.noise.repeats:
+        noise_from = f"{problem.noise.repeats:.0f} s of repeats"
+    left = dict.fromkeys((*analysis.remainder, *disturbed))
+    return GapRecord(
+        robot=robot.name,
+        question=question,
+        verdict=analysis.verdict,
+        named=tuple(effect_of(one, analysis, result) for one in analysis.named),
+        closest=tuple(effect_of(one, analysis, result, why) for one, why in analysis.closest),
+        advice=analysis.advice,
+        joint_names=names,
+        torque_units=tuple(joint.torque_unit for joint in robot.joints),
+        joints=analysis.joints,
+        improvement=analysis.improvement,
+        heldout=search.first.held_text,
+        noise_from=noise_from,
+        not_repeatable=tuple(names[j] for j in disturbed),
+        cannot_judge={name: tuple(joints) for name, joints in analysis.invisible.items()},
+        logs=tuple(log.path for log in search.logs),
+        made_from=str(result.path) if result.path.name else "",
+        # Why not of a change: what is left of it is no property of the arm.
+        clues=() if problem.since else tuple(clue(search, j) for j in left),
+        asked=asked,
+        curves=tuple(held_out_effects(problem, analysis.named)),
+        of=fingerprint(result),
+        repeats=problem.noise.repeats,
+        more=tuple(names[j] for j in analysis.remainder),
+        events=() if analysis.verdict.startswith("nothing") else search.events,
+    )
+
+
+def effect_of(
+    one: SelectedEffect, analysis: GapAnalysis, result: Identification, why_not: str = ""
+) -> GapEffect:
+    """Return an effect as plain values, ``why_not`` being the reason why it is not named."""
+    names, j, before = result.robot.joint_names, one.joint, analysis.improvement.before
+    joint, late = result.robot.joints[j], one.name == DELAY
+    sizes = []
+    for name, value in one.values.items():
+        error = one.std_errors.get(name, 0.0)
+        unit = joint_unit(one.units.get(name, ""), revolute=joint.revolute)
+        sizes.append((name, value, error if np.isfinite(error) else None, unit))
+    # Why none: it is against other names and what has none, and something else speaks against this one.
+    other_reason = why_not and not why_not.startswith(LIKELY)
+    return GapEffect(
+        effect=one.name,
+        title=one.effect.title,
+        indices=one.joints,
+        joints=tuple(names[k] for k in one.joints or range(len(names))),
+        where=joints_text(one.joints, names),
+        sizes=tuple(sizes),
+        p_value=one.p_value,
+        joint=names[j],
+        rms_before=float(before[j]),
+        rms_after=None if why_not else float(analysis.improvement.after[j]),
+        unit=joint.torque_unit,
+        why_not=why_not,
+        rivals=tuple(
+            f"{CATALOGUE[name].title} on {joints_text(joints, names)}"
+            for name, joints in one.rivals
+        ),
+        rival_keys=one.rivals,
+        share=None if why_not or late else explained_share(analysis.search, one),
+        probability=None if other_reason else one.probability,
+        # Whether most of a delay is known to the model.
+        corrected=bool(
+            late
+            and not why_not
+            and abs(one.values["delay"] - result.delay) < 0.5 * abs(one.values["delay"])
+        ),
+    )

@@ -26,7 +26,10 @@ from dynid.gap.analysis import (
     CUTOFF,
     GapAnalysis,
     analyse_gap,
+    effect_of,
+    new_name,
     on_one_clock,
+    record_of,
     with_counterbalances,
     with_reestimated_payload,
 )
@@ -34,7 +37,6 @@ from dynid.gap.apply import specs_of, stacked_with, write_robot
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.counterbalance import COUNTERBALANCE, Suspicion, suspicions
 from dynid.gap.localisation import NEGLIGIBLE
-from dynid.gap.record import effect_of, new_name, record_of
 from dynid.gap.tuning import REST_SURE
 from dynid.judgement.evidence import Evidence, of_search
 from dynid.judgement.gap import GapEffect, GapRecord
