@@ -250,21 +250,17 @@ def _described(without: Links, with_it: Links, joint: int, gain: tuple[float, ..
     """Return a suspicion with the link that a counterbalance changes most, and its own size."""
     base = with_it.base
     fits, constraints, arm = (without.best, with_it.best), constraints_of(base), base.robot
-    masses, centres = [], []
-    for fit in fits:
-        bodies = fit.x[constraints.bodies]
-        masses.append(bodies[:, 0])
-        centres.append(bodies[:, 1:4] / bodies[:, :1])
+    # Without it and with it: each link's mass, and where its centre of mass lies.
+    bodies = np.array([fit.x for fit in fits])[:, constraints.bodies]
+    masses, centres = bodies[..., 0], bodies[..., 1:4] / bodies[..., :1]
     k = int(np.argmax(np.abs(masses[0] - masses[1])))
+    (heavy, light), reach = masses[:, k].tolist(), sum(np.hypot(x.a, x.d) for x in arm.joints)
     number = constraints.parameters[constraints.bodies[k, 0]].number
-    ends = link_cylinders(arm)[number - 1]
-    length = float(np.linalg.norm(ends[1] - ends[0]))
-    moved = float(np.linalg.norm(centres[0][k] - centres[1][k]))
+    length = float(np.linalg.norm(np.diff(link_cylinders(arm)[number - 1], axis=0)))
+    moved = float(np.linalg.norm(centres[0, k] - centres[1, k]))
     named = [dict(zip(fit.names, fit.x.tolist(), strict=True)) for fit in fits]
     offset, usual = (each.get(f"fo{joint + 1}", 0.0) for each in named)
     odd_offset = abs(offset) > tuning.ODD_TIMES * max(abs(usual), named[1].get(f"fc{joint + 1}", 0))
-    heavy, light = float(masses[0][k]), float(masses[1][k])
-    reach = sum(np.hypot(each.a, each.d) for each in arm.joints)
     instead_of = ""
     if moved > length:
         instead_of = (
