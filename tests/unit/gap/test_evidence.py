@@ -154,7 +154,6 @@ def test_a_push_that_nothing_repeats_is_told_by_log_time_and_joint(twolinks, on_
 
     logs = twolinks.logs(push, repeats=1)
     seen = analyse_gap(on_one_clock(logs), twolinks.base, None, SelectionOptions())
-    assert seen.named == ()
     assert seen.verdict == "unexplained"
     (one,) = [event for event in seen.search.events if event.joint == "elbow"]
     assert one.log == "log 2"
