@@ -64,7 +64,7 @@ class EffectSearch:
         """Return the search without some of its effects, the rest sized again: it holds what they explained."""
         state = self.state
         for k, one in enumerate(state.named):
-            if one.place.key in keys:
+            if one.place.key in keys and not one.place.always:
                 state = replace(state, evidence=state.evidence.without(state.columns(k)))
         sized = state.evidence.sized()
         selected = [one for one in self.selected if one.key not in keys]

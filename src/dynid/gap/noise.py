@@ -14,7 +14,6 @@ from scipy.linalg import solve_toeplitz
 from scipy.ndimage import convolve1d
 
 from dynid.arrays import Floats, Mask
-from dynid.errors import LogTooShort
 from dynid.estimation.least_squares import autocorrelation_time
 from dynid.estimation.noise_floor import RepeatPair, difference, floor_from_spectrum
 from dynid.estimation.tuning import SHORTEST_REPEAT_S
@@ -98,9 +97,6 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
         rows: the rows; without repeats, only those that are searched say anything.
         residual: what the baseline model leaves of them, (M, n).
         pairs: repeats among them.
-
-    Raises:
-        LogTooShort: no part of the logs is long enough to have a spectrum.
     """
     runs = [(rows.q[part], residual[part], rows.use[part]) for part in rows.parts]
     differences = [difference(runs[pair.first], runs[pair.second], pair.lag) for pair in pairs]
@@ -109,11 +105,6 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
         return _from_repeats(differences, rows, seconds)
     chosen = [np.flatnonzero(rows.train[part]) + part.start for part in rows.parts]
     parts = [(residual[k], rows.use[k]) for k in chosen if len(k) >= SHORTEST]
-    if not parts:
-        raise LogTooShort(
-            f"no part of the logs has {SHORTEST} usable rows, which the noise level needs",
-            why="residuals are compared with the noise",
-        )
     return _from_spectrum(rows.logs[0].filter, parts)
 
 

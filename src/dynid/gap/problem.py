@@ -9,13 +9,14 @@ from itertools import compress
 import numpy as np
 
 from dynid.arrays import Floats
+from dynid.errors import LogTooShort
 from dynid.estimation.factor import of_unit_diagonal
 from dynid.estimation.noise_floor import RepeatPair, find_repeats
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, stack_with_settled_effects
 from dynid.gap.gap_rows import GapRows, gap_rows
 from dynid.gap.known_errors import with_known_friction, with_reversals
-from dynid.gap.noise import NoiseModel, measure_noise, with_misfit, with_steps
+from dynid.gap.noise import SHORTEST, NoiseModel, measure_noise, with_misfit, with_steps
 from dynid.gap.regression import Regression, whitened_regression
 from dynid.model.base_model import BaseModel
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
@@ -117,12 +118,20 @@ def make_problem(
         base: model and base parameters.
         kept: the model that is kept, None to refit it.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
+
+    Raises:
+        LogTooShort: no part of the logs, earlier ones apart, is long enough to be searched.
     """
     start = _first_guess(logs, base) if kept is None else kept.plain
     reference = base.torques(start)
     rows = gap_rows(logs, base, reference, () if kept is None else earlier)
     repeats = find_repeats([rows.q[part] for part in rows.parts], rows.rate)
     rows, text = split(rows, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
+    if np.bincount(rows.part, rows.train & rows.is_new).max() < SHORTEST:
+        raise LogTooShort(
+            f"no part of the logs has {SHORTEST} usable rows, which the noise level needs",
+            why="residuals are compared with the noise",
+        )
     alone = kept is not None and not rows.compared
     prior = np.zeros((base.rank + 1, base.rank + 1))
     if kept is not None and alone:

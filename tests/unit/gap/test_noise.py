@@ -17,6 +17,7 @@ from dynid.gap.noise import (
     with_steps,
     yule_walker,
 )
+from dynid.gap.problem import make_problem
 
 RATE = 40.0
 
@@ -39,7 +40,6 @@ def rows_of(*motions):
         parts=[slice(*pair) for pair in pairwise(edges.tolist())],
         q=q,
         use=np.ones(q.shape, dtype=bool),
-        train=np.ones(len(q), dtype=bool),
     )
 
 
@@ -107,9 +107,10 @@ def test_steps_of_an_encoder_are_noise_that_repeats_do_not_show():
     assert noise.floor == pytest.approx(2.0 * np.fft.irfft(waves).std(), rel=0.1)
 
 
-def test_a_log_without_usable_rows_is_refused():
+def test_new_logs_without_usable_rows_are_refused(twolinks, kept, old):
+    short = [twolinks.log(5, 0, seconds=2.0)]
     with pytest.raises(LogTooShort, match="usable rows"):
-        measure_noise(rows_of(motion(np.arange(9) / RATE)), np.zeros((9, 2)), [])
+        make_problem(short, twolinks.base, kept, old)
 
 
 def test_a_contact_in_one_repeat_is_called_unrepeatable():
