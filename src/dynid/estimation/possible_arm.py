@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.arrays import Floats, Mask
+from dynid.arrays import Floats
 from dynid.errors import NotPhysical
 from dynid.estimation import tuning
 from dynid.estimation.factor import of_unit_diagonal
@@ -41,9 +41,16 @@ from dynid.estimation.possible_set import (
     smallest_eigenvalues,
 )
 from dynid.model.base_model import BaseModel
-from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders
+from dynid.model.parameters import (
+    body_of,
+    columns_of,
+    cylinder_body,
+    cylinders_of,
+    link_cylinders,
+    second_moments,
+)
 from dynid.model.regressor import prior_vector
-from dynid.robot import Robot
+from dynid.robot import Body, Robot
 
 # ---------------------------------------------------------------- how far a link may be from the prior's body
 #: Second moment of a body along an axis, as a share of all of it, below which the body has no width there, and the same
@@ -51,12 +58,10 @@ from dynid.robot import Robot
 THIN, ROUNDED = 1e-6, 1e-12
 
 
-def with_bodies(
-    constraints: PhysicalConstraints, P: Floats, links: Mask | slice = slice(None)
-) -> PhysicalConstraints:
-    """Return the constraints with other prior bodies of some links, pseudo-inertias (L, 4, 4)."""
+def with_bodies(constraints: PhysicalConstraints, P: Floats) -> PhysicalConstraints:
+    """Return the constraints with other prior bodies, pseudo-inertias (L, 4, 4)."""
     prior = constraints.prior.copy()
-    prior[constraints.bodies[links]] = body_parameters(P[links])
+    prior[constraints.bodies] = body_parameters(P)
     return replace(constraints, prior=prior)
 
 
@@ -66,42 +71,36 @@ def rounded(constraints: PhysicalConstraints) -> PhysicalConstraints:
     Args:
         constraints: those whose prior is made of default cylinders.
     """
-    P = constraints.prior_pseudo_inertia
-    mass = P[:, 3, 3]
-    com = P[:, :3, 3] / mass[:, None]
-    extent = np.trace(P[:, :3, :3], axis1=1, axis2=2) / mass - np.sum(com**2, axis=1)
-    point = np.hstack([com, np.ones((len(P), 1))])
-    ball = np.diag([1.0, 1.0, 1.0, 0.0]) * np.mean(extent) / 3
-    ball = ball + point[:, :, None] * point[:, None, :]
-    share = tuning.BALL_SHARE
+    P, share = constraints.prior_pseudo_inertia, tuning.BALL_SHARE
+    mass = P[:, 3:, 3:]
+    point = P[:, :, 3:] / mass
+    about_centre = P / mass - point @ point.swapaxes(1, 2)
+    ball = np.diag([1.0, 1.0, 1.0, 0.0]) * np.mean(np.trace(about_centre, axis1=1, axis2=2)) / 3
+    ball = ball + point @ point.swapaxes(1, 2)
     return with_bodies(constraints, (P + share * np.mean(mass) * ball) / (1.0 + share))
 
 
-def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstraints:
-    """Return the constraints with a width for prior bodies that have none: point masses, thin rods, links without mass.
+def widened(given: Floats, cylinder: Body, light: float) -> Floats:
+    """Return the parameters of a prior body, (10,), with a width where it has none: a point mass, a thin rod, no mass.
 
     Mass and centre are often known where an inertia is not. Such a body is spread as its link's cylinder is, beside
     what is given; a mass alone becomes that cylinder, and a link without mass a light one.
 
     Args:
-        constraints: those whose prior is made of given bodies.
-        shapes: pseudo-inertias of the links' cylinders, each for 1 kg, (L, 4, 4).
+        given: parameters of the body that somebody gave.
+        cylinder: of the link, of 1 kg.
+        light: mass of a link that was given none [kg].
     """
-    P = constraints.prior_pseudo_inertia
-
-    def about_centre(P: Floats) -> Floats:
-        point, mass = P[:, :3, 3:], P[:, 3:, 3:]
-        return P[:, :3, :3] - point * point.swapaxes(1, 2) / np.where(mass > 0.0, mass, 1.0)
-
-    mass, own = P[:, 3, 3].copy(), about_centre(P)
-    about_origin = np.trace(P[:, :3, :3], axis1=1, axis2=2)
-    extent = THIN * np.trace(own, axis1=1, axis2=2) + ROUNDED * about_origin
-    thin = np.abs(np.linalg.eigvalsh(own)[:, 0]) <= extent
-    P[thin, :3, :3] += (mass[:, None, None] * about_centre(shapes))[thin]
-    light, alone = mass == 0.0, (mass > 0.0) & (about_origin == 0.0)
-    P[light] += tuning.BALL_SHARE * np.mean(mass) * shapes[light]
-    P[alone] = mass[alone, None, None] * shapes[alone]
-    return with_bodies(constraints, P, thin | light)
+    mass, shape = given[0], cylinder.parameters()
+    if not mass:
+        return given + light * shape
+    if not given[1:].any():
+        return np.asarray(mass * shape)
+    about_origin = 0.5 * given[[4, 7, 9]].sum()
+    own = np.linalg.eigvalsh(second_moments(body_of(given).tensor))
+    if abs(own[0]) > THIN * own.sum() + ROUNDED * about_origin:
+        return given
+    return given + mass * np.append(np.zeros(4), cylinder.inertia_com)
 
 
 def followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
@@ -154,7 +153,6 @@ class PhysicalParameters:
     Attributes:
         names: parameter names, (c,).
         x: their values, (c,), in their units.
-        data_share: how much of each value comes from the data, 0 (prior) to 1, (c,).
         objective: misfit plus divergence from the prior.
         covariance: posterior covariance of the values (Laplace's approximation), (c, c).
         information: of the rows about the values, (c, c).
@@ -164,7 +162,6 @@ class PhysicalParameters:
 
     names: tuple[str, ...]
     x: Floats
-    data_share: Floats
     objective: float
     covariance: Floats
     information: Floats
@@ -175,6 +172,12 @@ class PhysicalParameters:
     def std_error(self) -> Floats:
         """Posterior standard deviation, data and prior together, (c,)."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+
+    @property
+    def data_share(self) -> Floats:
+        """How much of each value comes from the data, 0 (prior) to 1, (c,)."""
+        after, before = np.diagonal(self.covariance), np.diagonal(inverse(self.prior))
+        return 1.0 - np.clip(after / np.where(before > 0.0, before, np.inf), 0.0, 1.0)
 
     @property
     def origin(self) -> dict[str, str]:
@@ -199,12 +202,13 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
     # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
     if not (base.robot.prior and base.robot.prior.links):
         return rounded(constraints)
-    radius = cylinders_of(base.robot).radius
-    cylinders = np.array(
-        [cylinder_body(ends, radius, 1.0).parameters() for ends in link_cylinders(base.robot)]
-    )
-    links = [constraints.parameters[k].number - 1 for k in constraints.bodies[:, 0]]
-    return widened(constraints, pseudo_inertia(cylinders[links]))
+    radius, prior = cylinders_of(base.robot).radius, constraints.prior.copy()
+    light = tuning.BALL_SHARE * float(np.mean(prior[constraints.bodies[:, 0]]))
+    cylinders = [cylinder_body(ends, radius, 1.0) for ends in link_cylinders(base.robot)]
+    for columns in constraints.bodies:
+        cylinder = cylinders[constraints.parameters[columns[0]].number - 1]
+        prior[columns] = widened(prior[columns], cylinder, light)
+    return replace(constraints, prior=prior)
 
 
 def drive_ratings(robot: Robot) -> dict[str, float]:
@@ -316,7 +320,7 @@ def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalCo
     for kind, columns in zip(NONNEGATIVE, constraints.pools, strict=True):
         if len(columns) < 2:
             continue
-        offsets = constraints.offsets if kind == "fc" else columns[:0]
+        offsets = columns_of(constraints.parameters, "fo" if kind == "fc" else "")
         total, squares = float(np.sum(share[columns])), float(np.sum(share[offsets] ** 2))
         count = len(columns) + len(offsets)
         size = (total + np.sqrt(total**2 + 4 * count * squares)) / (2 * count)
@@ -353,8 +357,8 @@ def feasible_start(constraints: PhysicalConstraints) -> Floats:
         NotPhysical: the prior's bodies or the bounds contradict each other.
     """
     require_possible_prior(constraints)
-    x, pooled = constraints.prior.copy(), np.concatenate(constraints.pools)
-    x[pooled[x[pooled] <= 0.0]] = 1.0
+    x, positive = constraints.prior.copy(), constraints.positive
+    x[positive[x[positive] <= 0.0]] = 1.0
     return x if np.all(constraints.slack(x) > 0.0) else _move_inside(constraints, x)
 
 
@@ -382,17 +386,19 @@ def _objective(
     R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
 ) -> Objective:
     """Return the squares, with rows that hold parameters near zero, and the entropic divergence from the prior."""
-    held = np.flatnonzero(np.isfinite(constraints.spread))
-    rows = np.zeros((len(held), R.shape[1]))
-    rows[range(len(held)), held] = tuning.PRIOR_WEIGHT**0.5 / constraints.spread[held]
-    R, r = np.vstack([R, rows]), np.append(r, np.zeros(len(held)))
-    G, h, linear = constraints.G, constraints.h, np.zeros(len(constraints.prior))
+    c = len(constraints.prior)
+    R = np.vstack(
+        [R, np.eye(c, R.shape[1]) * tuning.PRIOR_WEIGHT**0.5 / constraints.spread[:, None]]
+    )
+    G, h, linear = constraints.G, constraints.h, np.zeros(c)
     inverse = np.linalg.inv(constraints.prior_pseudo_inertia)
     linear[constraints.bodies] = gamma * np.einsum("lab,kba->lk", inverse, basis())
     # A positive number with a prior gets the one-dimensional form of the same divergence: -log x + x / x0.
-    known = (np.count_nonzero(G, axis=1) == 1) & (h == 0.0) & (G @ constraints.prior > 0.0)
-    linear += gamma * np.sum(G[known] / (G[known] @ constraints.prior)[:, None], axis=0)
-    mu = np.where(known, gamma, tuning.BOUND_WEIGHT)
+    positive, mu = constraints.positive, np.full(len(h), tuning.BOUND_WEIGHT)
+    size = constraints.prior[positive]
+    linear[positive] = np.divide(gamma, size, out=np.zeros_like(size), where=size > 0.0)
+    mu[: len(size)] = np.where(size > 0.0, gamma, tuning.BOUND_WEIGHT)
+    r = np.append(r, np.zeros(c))
     return Objective(R, r, constraints.bodies, gamma, linear, G, h, mu)
 
 
@@ -407,21 +413,15 @@ def _fit(
         R: whitened regressor, (rows, c).
         constraints: the set.
     """
-    data, logs = R.T @ R, objective.curvature(*objective.relative(x))
-    held = objective.R.T @ objective.R - data
+    data, prior = R.T @ R, objective.curvature(*objective.relative(x))
     bodies = constraints.bodies
-    logs[bodies[:, :, None], bodies[:, None]] = curvature(constraints, x)
-    logs, held = tuning.PRIOR_COUNTED * logs, tuning.PRIOR_COUNTED * held
-    prior = held + logs
-    covariance = inverse(data + prior)
-    after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(inverse(logs))
-    rest = np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
+    prior[bodies[:, :, None], bodies[:, None]] = curvature(constraints, x)
+    prior = tuning.PRIOR_COUNTED * (prior + objective.R.T @ objective.R - data)
     return PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
         x=x,
         objective=objective.value(x),
-        data_share=np.clip(1.0 - rest, 0.0, 1.0),
-        covariance=covariance,
+        covariance=inverse(data + prior),
         information=data,
         prior=prior,
     )
@@ -449,14 +449,7 @@ def with_honest_errors(
         if len(columns) > 1 and curved > 0.0:
             open_[np.ix_(columns, columns)] -= np.outer(along, along) / curved
     covariance = inverse(open_ + fit.information / less) + changes @ changes.T
-    before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
-    growth = np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
-    return replace(
-        fit,
-        covariance=covariance,
-        data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
-        inflation=fit.inflation * less,
-    )
+    return replace(fit, covariance=covariance, inflation=fit.inflation * less)
 
 
 def inverse(H: Floats) -> Floats:

@@ -22,7 +22,6 @@ from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
 from dynid.estimation.factor import of_unit_diagonal
 from dynid.model.parameters import (
-    TENSOR,
     Parameter,
     body_columns,
     columns_of,
@@ -39,13 +38,11 @@ NONNEGATIVE = ("Im", "fv", "fc")
 @cache
 def basis() -> Floats:
     """Return E with P = sum_k parameter_k * E_k, (10, 4, 4), pure numbers."""
-    E = np.zeros((10, 4, 4))
+    E, (i, j) = np.zeros((10, 4, 4)), np.triu_indices(3)
     E[0, 3, 3] = 1.0
-    for axis in range(3):
-        E[1 + axis, axis, 3] = E[1 + axis, 3, axis] = 1.0
-    for k, (i, j) in enumerate(TENSOR, start=4):
-        E[k, i, j] = E[k, j, i] = 1.0
-        E[k, :3, :3] = second_moments(E[k, :3, :3])
+    E[range(1, 4), range(3), 3] = E[range(1, 4), 3, range(3)] = 1.0
+    E[range(4, 10), i, j] = E[range(4, 10), j, i] = 1.0
+    E[4:, :3, :3] = second_moments(E[4:, :3, :3])
     E.setflags(write=False)
     return E
 
@@ -82,7 +79,7 @@ class PhysicalConstraints:
         parameters: what each column stands for, (c).
         bodies: columns of the ten parameters of each link, (L, 10).
         prior: what is known before measuring, (c,); zero where nothing is.
-        G: rows of the bounds G x >= h, (k, c).
+        G: rows of the bounds G x >= h, (k, c); those of the positive parameters come first.
         h: right side of the bounds, (k,).
         pools: columns of the parameters of each kind in ``NONNEGATIVE``.
         ratings: what the joints' parameters of one kind are thought to be in proportion to, (c,).
@@ -99,9 +96,9 @@ class PhysicalConstraints:
     spread: Floats
 
     @property
-    def offsets(self) -> Ints:
-        """Columns of friction offsets, (k,)."""
-        return columns_of(self.parameters, "fo")
+    def positive(self) -> Ints:
+        """Columns of the parameters that are positive numbers, (k,)."""
+        return np.concatenate(self.pools)
 
     @property
     def prior_pseudo_inertia(self) -> Floats:
@@ -127,32 +124,28 @@ def make_constraints(
         known: bounds of masses and centres of mass; those of links without parameters are left out.
         ratings: by parameter, what those of one kind are thought to be in proportion to; equal where nothing is said.
     """
-    bodies = body_columns(parameters)
-    masses = {link: int(columns[0]) for link, columns in bodies.items()}
-    sums = [([masses[link]], bounds) for link, bounds in known.link_mass if link in masses]
-    if known.total_mass is not None:
-        sums.append(([*masses.values()], known.total_mass))
-    # Each row says that a sum of parameters with factors is at least so large.
-    rows = [({k: 1.0}, 0.0) for k, p in enumerate(parameters) if p.kind in NONNEGATIVE]
-    for columns, (low, high) in sums:
-        rows += [(dict.fromkeys(columns, 1.0), low), (dict.fromkeys(columns, -1.0), -high)]
-    boxes = [(bodies[link], corners) for link, corners in known.com_box if link in bodies]
-    for (mass, *moments), corners in ((columns[:4].tolist(), ends) for columns, ends in boxes):
+    bodies, every = body_columns(parameters), np.eye(len(parameters))
+    pools = tuple(columns_of(parameters, kind) for kind in NONNEGATIVE)
+    masses = {link: every[columns[0]] for link, columns in bodies.items()}
+    sums = [(masses[link], ends) for link, ends in known.link_mass if link in masses]
+    if known.total_mass is not None and masses:
+        sums.append((np.sum([*masses.values()], axis=0), known.total_mass))
+    rows = [(row, 0.0) for columns in pools for row in every[columns]]
+    for row, (low, high) in sums:
+        rows += [(row, low), (-row, -high)]
+    boxes = [(every[bodies[link][:4]], ends) for link, ends in known.com_box if link in bodies]
+    for (mass, *moments), corners in boxes:
         for moment, low, high in zip(moments, *corners, strict=True):
-            rows += [({moment: 1.0, mass: -low}, 0.0), ({moment: -1.0, mass: high}, 0.0)]
-    G, h = np.zeros((len(rows), len(parameters))), np.array([least for _, least in rows])
-    for k, (terms, _) in enumerate(rows):
-        G[k, list(terms)] = list(terms.values())
-    prior = np.asarray(prior, dtype=float)
+            rows += [(moment - low * mass, 0.0), (high * mass - moment, 0.0)]
     # Why of fc: an offset is the part of the friction that does not change its sign.
     rated = [f"fc{p.number}" if p.kind == "fo" else p.name for p in parameters]
     return PhysicalConstraints(
         parameters=tuple(parameters),
         bodies=np.array(list(bodies.values()), dtype=np.intp).reshape(-1, 10),
-        prior=prior,
-        G=G,
-        h=h,
-        pools=tuple(columns_of(parameters, kind) for kind in NONNEGATIVE),
+        prior=np.asarray(prior, dtype=float),
+        G=np.array([row for row, _ in rows]).reshape(-1, len(parameters)),
+        h=np.array([least for _, least in rows]),
+        pools=pools,
         ratings=np.array([ratings.get(name, 1.0) for name in rated]),
         spread=np.full(len(parameters), np.inf),
     )

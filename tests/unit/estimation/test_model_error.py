@@ -21,9 +21,9 @@ from dynid.estimation.residual_model import (
 )
 
 
-def again(part):
-    """Estimate the rows of some joints anew."""
-    return estimated(part, "wls")
+def fitted_to(base, log, **options):
+    stack = stacked(base, log, **options)
+    return stack, estimated(stack, "wls")
 
 
 def hidden(base, seed, noise=0.05):
@@ -38,8 +38,7 @@ def hidden(base, seed, noise=0.05):
 @pytest.fixture(scope="module")
 def fitted(base):
     """The rows of a log with something hidden, their estimate, and both for the residual model."""
-    stack = stacked(base, hidden(base, 0))
-    estimate = again(stack)
+    stack, estimate = fitted_to(base, hidden(base, 0))
     rows = JointRows.of(stack, estimate, estimate.theta)
     return (
         stack,
@@ -118,8 +117,7 @@ def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, fitted
 
 
 def test_an_arm_with_a_complete_model_has_no_model_error(base):
-    stack = stacked(base, simulated(base, noise=0.05), cutoff=15.0)
-    post = posterior(stack, again(stack))
+    post = posterior(*fitted_to(base, simulated(base, noise=0.05), cutoff=15.0))
     assert post.error is None
     true = base.reduction.K @ truth(base)
     z = np.abs(post.theta - true) / np.sqrt(np.diag(post.covariance))
@@ -152,11 +150,6 @@ def test_spikes_are_not_taken_for_friction(base):
 
 
 # ---------------------------------------------------------------- parts of recordings that disagree
-def fitted_to(base, log):
-    stack = stacked(base, log)
-    return stack, estimated(stack, "wls")
-
-
 def asked(stack, fit, like):
     """By how much parts disagree when rows are said to be worth what they are in another fit."""
     A = like.whitened[:-1, :-1]
@@ -223,13 +216,12 @@ def test_what_differs_between_recordings_is_the_error_of_their_mean(base, fricti
 def test_one_recording_that_wanders_tells_that_others_differ_and_a_steady_one_that_they_do_not(
     base, friction
 ):
-    moving = [
-        added(base, friction, wandering(base, friction, 0.02, 0.0, logs=1, seed=seed))
-        for seed in range(8)
-    ]
-    steady = [
-        added(base, friction, wandering(base, friction, 0.0, 0.0, logs=1, seed=seed))
-        for seed in range(8)
-    ]
+    moving, steady = (
+        [
+            added(base, friction, wandering(base, friction, within, 0.0, logs=1, seed=seed))
+            for seed in range(8)
+        ]
+        for within in (0.02, 0.0)
+    )
     assert np.median(moving) == pytest.approx(0.02 * tuning.CHANGE_BETWEEN, rel=0.4)
     assert np.median(steady) < 0.1 * np.median(moving)
