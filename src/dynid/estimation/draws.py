@@ -19,6 +19,7 @@ from dynid.estimation.identified import Identified
 from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import PhysicalConstraints, pseudo_inertia
+from dynid.estimation.residual_model import SIZE
 
 #: More arms than this are no sample any more but a load on the disk.
 MOST = 100_000
@@ -136,7 +137,7 @@ def draws(result: Identified, count: int, seed: int = 0) -> Draws:
     error, residual, moved = result.model_error, [], (x - physical.x) @ K.T
     if error is not None:
         for j, apart in enumerate(error.apart):
-            size = None if apart else error.k
+            size = None if apart else SIZE
             root, slope = error.root[j, :size, :size], error.slope[j, :size]
             z = rng.normal(size=(count, len(root)))
             residual.append(error.mean[j, :size] + moved @ slope.T + z @ root.T)

@@ -25,7 +25,7 @@ from dynid.estimation.least_squares import solvable, symmetric_root
 from dynid.estimation.possible_arm import fit_pooled
 from dynid.estimation.possible_set import make_constraints
 from dynid.estimation.posterior import information_of
-from dynid.estimation.residual_model import ModelError, centred
+from dynid.estimation.residual_model import SIZE, ModelError, centred
 from dynid.estimation.result import Identification
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS, body_columns, body_of, numbered
@@ -124,8 +124,8 @@ class LoadProblem:
         whiten, noise, stack = information_of(loaded)[1], loaded.noise, loaded.stack
         residual, k = unloaded.model_error, 0
         if residual is not None and stack is not None and stack.earlier is None:
-            rows = residual.factors(stack, noise, loaded.fit.robust) / whiten[:, None, None]
-            k = residual.k
+            shaped = residual.factors(stack, noise, loaded.fit.robust)
+            rows, k = residual.changed(shaped) / whiten[:, None, None], SIZE
         else:
             # Why: without its rows nothing is known of how the residual model acts in the loaded log.
             unknown = 0.0 if residual is None else residual.rms[:, -1] * whiten / noise

@@ -39,6 +39,7 @@ from dynid.estimation.possible_arm import (
 )
 from dynid.estimation.residual_model import (
     NONE,
+    SIZE,
     JointRows,
     ModelError,
     arm_of,
@@ -234,13 +235,14 @@ class Parts:
         noise, robust, grams = estimate.noise, estimate.robust, []
         mean = np.tile(theta, (len(noise), 1))
         if error is not None:
-            mean = np.hstack([error.mean[:, : error.k], mean])
+            mean = np.hstack([error.mean[:, :SIZE], mean])
         for number in np.unique(part):
             of_part = stack.take(part == number)
             if error is None:
                 F = of_part.factors
             else:
-                F = error.factors(of_part, noise, robust) * (error.apart == 0.0)[:, None, None]
+                F = error.changed(error.factors(of_part, noise, robust))
+                F *= (error.apart == 0.0)[:, None, None]
             F = F / (noise * np.sqrt(estimate.inflation))[:, None, None]
             F[:, :, -1] -= np.einsum("jmk,jk->jm", F[:, :, :-1], mean)
             grams.append(F.swapaxes(1, 2) @ F)
@@ -260,7 +262,7 @@ class Parts:
         p, n = len(covariance), self.grams.shape[1]
         k, slope, root = 0, np.zeros((n, 0, p)), np.zeros((n, 0, 0))
         if error is not None:
-            k, slope, root = error.k, error.slope, error.root
+            k, slope, root = SIZE, error.slope, error.root
         T = np.concatenate([slope[:, :k], np.tile(np.eye(p), (n, 1, 1))], axis=1)
         weight = np.where(informed, 1.0 / np.diagonal(covariance), 0.0)
         ratios = [1.0 / tuning.HELD_BACK]
@@ -320,15 +322,11 @@ class Parts:
 
 def _directions(base: BaseModel, theta: Floats) -> tuple[Floats, Floats]:
     """Return how offsets, and levels of friction, change the parameters, (p, n) each: one column for each joint."""
-    place = {name: k for k, name in enumerate(base.names)}
-    offset, level = np.zeros((2, len(theta), base.robot.n))
+    names, (offset, level) = np.array(base.names), np.zeros((2, len(theta), base.robot.n))
     for j in range(base.robot.n):
-        coulomb, viscous, shift = (place.get(f"{kind}{j + 1}") for kind in ("fc", "fv", "fo"))
-        if coulomb is not None and shift is not None:
-            offset[shift, j] = abs(theta[coulomb])
-        for k in (coulomb, viscous):
-            if k is not None:
-                level[k, j] = theta[k]
+        friction = np.isin(names, (f"fc{j + 1}", f"fv{j + 1}"))
+        level[friction, j] = theta[friction]
+        offset[names == f"fo{j + 1}", j] = np.abs(theta[names == f"fc{j + 1}"]).sum()
     return offset, level
 
 
@@ -346,7 +344,7 @@ def expected_error(stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
     W = rows[:, :, :-1]
     if error is not None:
         # Why: a fit takes from the residuals what it cannot take from those of another recording.
-        larger, columns = tuning.UNSEEN_RESIDUAL, np.pad(W, ((0, 0), (0, 0), (error.k, 0)))
+        larger, columns = tuning.UNSEEN_RESIDUAL, np.pad(W, ((0, 0), (0, 0), (SIZE, 0)))
     spread = np.sum(torque_variance(W, post.covariance, error, columns), axis=0) / count
     other = np.sum((W @ post.changes) ** 2, axis=(0, 2)) / count
     size = np.sum(rows[:, :, -1] ** 2, axis=0) / count

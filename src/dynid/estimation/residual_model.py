@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import accumulate
 from operator import add
 
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
 from dynid.estimation.factor import Conditional, Factor, of_unit_diagonal, triangle
-from dynid.estimation.least_squares import Fit, symmetric_root
+from dynid.estimation.least_squares import Fit, merge, solve, symmetric_root
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
@@ -52,6 +52,8 @@ GROUPS = np.repeat(
     [0, 1, 2],
     [2 * tuning.POSITION_HARMONICS, 2 * tuning.FRICTION_HARMONICS + len(tuning.FRICTION_SPEEDS), 1],
 )
+#: Number of columns of a joint.
+SIZE = len(GROUPS)
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
 #: Columns by which a joint may have a large torque of its position that no possible arm has, and their variances over
@@ -88,7 +90,7 @@ def shapes_in(
         columns = shapes_of(part.q, part.qd, sign, speed)
         return columns.transpose(1, 2, 0).reshape(-1, len(part))
 
-    return at_rows(log, shapes, t).reshape(-1, len(speed), len(GROUPS))
+    return at_rows(log, shapes, t).reshape(-1, len(speed), SIZE)
 
 
 def _loaded(shapes: Floats, torque: Floats) -> Floats:
@@ -136,7 +138,7 @@ class Columns:
         return np.concatenate([Z, W], axis=2)
 
     def factors(self, stack: Stack, noise: Floats, robust: Floats | None) -> Floats:
-        """Return triangular factors of [Z W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1).
+        """Return triangular factors of [D W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1).
 
         Args:
             stack: the rows, of any logs.
@@ -148,15 +150,13 @@ class Columns:
             left = np.abs(rows.tau - rows.torque(robust)) / noise
             weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
         shapes = stack.along(lambda log, t: shapes_in(log, stack.observer, self.speed, t))
-        D = _loaded(shapes, rows.torque(self.reference))
-        return self.changed(rows.factors(weight, D))
+        return rows.factors(weight, _loaded(shapes, rows.torque(self.reference)))
 
     def changed(self, factors: Floats) -> Floats:
         """Return factors of [Z W tau] from those of [D W tau]: Z is linear in D and W."""
-        k = self.scale.shape[1]
         change = np.tile(np.eye(factors.shape[-1]), (len(factors), 1, 1))
-        change[:, range(k), range(k)] = 1.0 / self.scale
-        change[:, k:-1, :k] = -self.projection
+        change[:, range(SIZE), range(SIZE)] = 1.0 / self.scale
+        change[:, SIZE:-1, :SIZE] = -self.projection
         return np.array([triangle(each) for each in factors @ change])
 
 
@@ -186,11 +186,6 @@ class ModelError(Columns):
     apart: Floats
 
     @property
-    def k(self) -> int:
-        """Number of columns Z of a joint."""
-        return int(self.scale.shape[1])
-
-    @property
     def joints_apart(self) -> Ints:
         """Numbers of the joints whose torques contradict those of the others."""
         return np.flatnonzero(self.apart)
@@ -198,12 +193,12 @@ class ModelError(Columns):
     @property
     def own(self) -> Floats:
         """What the parameters of a joint's own differ by, (n, p)."""
-        return self.mean[:, self.k :]
+        return self.mean[:, SIZE:]
 
     @property
     def mean_by_rows(self) -> tuple[Floats, Floats]:
         """The mean torque as a combination of D, (n, k), and of W, (n, p)."""
-        b = self.mean[:, : self.k]
+        b = self.mean[:, :SIZE]
         return b / self.scale, self.own - np.einsum("jpk,jk->jp", self.projection, b)
 
     def torque(self, W: Floats, shapes: Floats) -> Floats:
@@ -252,10 +247,10 @@ def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
 # ---------------------------------------------------------------- rows in the parameters and the columns
 @dataclass(frozen=True)
 class JointRows:
-    """Rows [Z W tau] of each joint as triangular factors, divided by noise and by what coloured residuals are worth.
+    """Rows [D W tau] of each joint as triangular factors, divided by noise and by what coloured residuals are worth.
 
     Attributes:
-        factors: per joint, (n, k + p + 1, k + p + 1).
+        shaped: per joint, (n, k + p + 1, k + p + 1).
         noise: sigma of each joint, (n,) [N m or N].
         inflation: how many rows are worth one independent row.
         columns: what Z is.
@@ -265,7 +260,7 @@ class JointRows:
         K: base parameters as combinations of all parameters, (p, c).
     """
 
-    factors: Floats
+    shaped: Floats
     noise: Floats
     inflation: float
     columns: Columns
@@ -286,31 +281,32 @@ class JointRows:
             estimate: of the base parameters.
             reference: base parameters that give the torque of the load, (p,).
         """
-        n, k, noise = len(stack.joints), len(GROUPS), estimate.noise
-        none = np.zeros((n, len(reference), k))
-        columns = Columns(_rms_speed(stack.logs), reference, np.ones((n, k)), none)
+        n, p, noise = len(stack.joints), len(reference), estimate.noise
+        columns = Columns(
+            _rms_speed(stack.logs), reference, np.ones((n, SIZE)), np.zeros((n, p, SIZE))
+        )
         factors = columns.factors(stack, noise, estimate.robust)
-        counts = np.maximum(stack.counts, 1)
-        scale = np.linalg.norm(factors[:, :, :k], axis=1) / np.sqrt(counts)[:, None]
-        columns = replace(columns, scale=np.where(scale > 1e-9, scale, 1.0))  # of joints with rows
-        columns = replace(columns, projection=_projection(stack.base, columns))
-        factors = columns.changed(factors)
+        rms = (
+            np.linalg.norm(factors[:, :, :SIZE], axis=1)
+            / np.sqrt(np.maximum(stack.counts, 1))[:, None]
+        )
+        columns = replace(columns, scale=np.where(rms > 1e-9, rms, 1.0))  # of joints with rows
         factors /= (noise * np.sqrt(estimate.inflation))[:, None, None]
         return cls(
-            factors=centred(factors, k, estimate.theta),
+            shaped=centred(factors, SIZE, estimate.theta),
             noise=noise,
             inflation=estimate.inflation,
-            columns=columns,
-            free=np.zeros((n, k)),
+            columns=replace(columns, projection=_projection(stack.base, columns)),
+            free=np.zeros((n, SIZE)),
             apart=np.zeros(n),
             spread=symmetric_root(prior_covariance(stack.base)),
             K=stack.base.reduction.K,
         )
 
-    @property
-    def k(self) -> int:
-        """Number of columns per joint."""
-        return int(self.free.shape[1])
+    @cached_property
+    def factors(self) -> Floats:
+        """Triangular factors of [Z W tau] per joint, (n, k + p + 1, k + p + 1)."""
+        return self.columns.changed(self.shaped)
 
     def freed(self, joint: int) -> JointRows:
         """Return rows in which the columns of the position of one joint may be large and overlap with the parameters.
@@ -321,15 +317,13 @@ class JointRows:
         Args:
             joint: its number.
         """
-        k, F, change = self.k, self.factors.copy(), np.eye(self.factors.shape[1])
         projection, free = self.columns.projection.copy(), self.free.copy()
-        change[k:-1, FREE] = projection[joint][:, FREE]
-        F[joint] = triangle(F[joint] @ change)
         projection[joint][:, FREE] = 0.0
-        torque = float(np.sum(F[joint][:, -1] ** 2)) / float(np.sum(F[joint][:, 0] ** 2))
-        free[joint, FREE] = FREE_SIZE * torque / self.noise[joint] ** 2
         columns = replace(self.columns, projection=projection)
-        return replace(self, factors=F, columns=columns, free=free)
+        rows = replace(self, columns=columns)
+        unit, torque = np.sum(rows.factors[joint][:, [0, -1]] ** 2, axis=0)
+        free[joint, FREE] = FREE_SIZE * torque / unit / self.noise[joint] ** 2
+        return replace(rows, free=free)
 
     def deviations(self, size: Floats) -> Floats:
         """Return the standard deviation of the factor of each column, (n, k) [N m or N], for sizes of the groups."""
@@ -347,7 +341,7 @@ class JointRows:
         """
         found = []
         for F, sd, far in zip(self.factors, self.deviations(size), apart.tolist(), strict=True):
-            Z, W, right = F[:, : self.k], F[:, self.k : -1], F[:, -1]
+            Z, W, right = F[:, :SIZE], F[:, SIZE:-1], F[:, -1]
             own = np.sqrt(far) * (W @ self.spread) if far else W[:, :0]
             beside = np.hstack([Z * sd, own])
             rows = Factor({"beside": beside, "arm": W}, right)
@@ -356,10 +350,8 @@ class JointRows:
         return found
 
     def of_arm(self, size: Floats) -> Factor:
-        """Return what the rows say of the parameters of the arm, (p,), as a triangle, for sizes of the groups."""
-        total = reduce(add, [arm for arm, _ in self.parts(size, self.apart)])
-        R = triangle(total.rows)
-        return replace(total, blocks={"arm": R[:, :-1]}, right=R[:, -1])
+        """Return what the rows say of the parameters of the arm, (p,), for sizes of the groups."""
+        return reduce(add, [arm for arm, _ in self.parts(size, self.apart)])
 
     def residual(
         self, size: Floats, evidence: float, theta: Floats, counts: NDArray[np.int64]
@@ -372,7 +364,7 @@ class JointRows:
             theta: base parameters, (p,).
             counts: number of rows of each joint, (n,).
         """
-        n, k, p = len(counts), self.k, len(theta)
+        n, k, p = len(counts), SIZE, len(theta)
         mean, slope = np.zeros((n, k + p)), np.zeros((n, k + p, p))
         root, worth = np.zeros((2, n, k + p, k + p))
         worth[:, range(k), range(k)] = self.deviations(size)
@@ -381,9 +373,8 @@ class JointRows:
             own = worth[j, :, : len(beside.mean)]
             slope[j], root[j, :, : own.shape[1]] = own @ beside.slope, own @ beside.root
             mean[j] = own @ beside.mean + slope[j] @ theta
-        part = mean[:, :k, None]
-        parts = np.concatenate([part * (GROUPS[:, None] == range(len(size))), part], axis=2)
-        torque = np.linalg.norm(self.factors[:, :, :k] @ parts, axis=1)
+        groups = np.column_stack([GROUPS[:, None] == range(len(size)), np.ones(k)])
+        torque = np.linalg.norm(self.factors[:, :, :k] @ (mean[:, :k, None] * groups), axis=1)
         rms = torque * (self.noise * np.sqrt(self.inflation / np.maximum(counts, 1)))[:, None]
         return ModelError(
             **vars(self.columns),
@@ -402,11 +393,7 @@ def centred(factors: Floats, k: int, theta: Floats) -> Floats:
 
     Instruments find other parameters than least squares of the same rows; the model error must not undo that.
     """
-    F = factors.copy()
-    W, tau = F[:, :, k:-1].reshape(-1, len(theta)), F[:, :, -1].ravel()
-    length = np.linalg.norm(W, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    solution = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
+    F, solution = factors.copy(), solve(merge(factors[:, :, k:])).theta
     F[:, :, -1] += F[:, :, k:-1] @ (theta - solution)
     return F
 
@@ -420,11 +407,8 @@ def _projection(base: BaseModel, columns: Columns) -> Floats:
     q, qd, qdd = exciting_states(base.robot, columns.speed)
     W = base.observer.dense(q, qd, qdd)
     D = _loaded(columns.shapes_at(q, qd, base.observer), W @ columns.reference) / columns.scale
-    projection = np.zeros_like(columns.projection)
-    for j in range(W.shape[1]):
-        seen = np.any(W[:, j] != 0.0, axis=0)
-        projection[j, seen] = np.linalg.lstsq(W[:, j, seen], D[:, j], rcond=1e-8)[0]
-    return projection
+    of_joints = zip(W.swapaxes(0, 1), D.swapaxes(0, 1), strict=True)
+    return np.array([np.linalg.lstsq(*each, rcond=1e-8)[0] for each in of_joints])
 
 
 # ---------------------------------------------------------------- an arm that rows ask for, and their evidence
@@ -520,17 +504,13 @@ def best_size(rows: JointRows, arm: PhysicalParameters) -> Floats:
         logs = without if negative(without)[0] <= best.fun + UNTOLD else logs
     inside = (logs > low) & (logs < high)
 
-    def slopes(part: Floats) -> Floats:
-        there = logs.copy()
-        there[inside] = part
-        return negative(there)[1][inside]
+    def slopes(there: Floats) -> Floats:
+        return np.where(inside, negative(there)[1], there - logs)
 
     # The evidence is flat beyond its rounding; where its slopes vanish is the same on every machine.
-    if inside.any():
-        level = root(slopes, logs[inside], tol=SETTLED).x
-        if np.linalg.norm(slopes(level)) < np.linalg.norm(slopes(logs[inside])):
-            logs[inside] = level
-    return np.exp(logs)
+    level = root(slopes, logs, tol=SETTLED).x
+    better = np.linalg.norm(slopes(level)) < np.linalg.norm(slopes(logs))
+    return np.exp(level if better else logs)
 
 
 def joints_apart(rows: JointRows, arm: PhysicalParameters, size: Floats) -> tuple[Floats, float]:

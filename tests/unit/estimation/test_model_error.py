@@ -13,6 +13,7 @@ from dynid.estimation.factor import Factor
 from dynid.estimation.posterior import Parts, physical_posterior
 from dynid.estimation.residual_model import (
     NONE,
+    SIZE,
     JointRows,
     best_size,
     log_evidence,
@@ -43,7 +44,7 @@ def fitted(base):
     return (
         stack,
         estimate,
-        replace(rows, inflation=4.0, factors=rows.factors * (rows.inflation / 4.0) ** 0.5),
+        replace(rows, inflation=4.0, shaped=rows.shaped * (rows.inflation / 4.0) ** 0.5),
     )
 
 
@@ -55,7 +56,7 @@ def all_unknowns(rows, size, released=None):
     """Return the rows of all joints in the columns of each, what one joint has of its own, and the arm."""
     total = Factor({}, np.zeros(0))
     for j, (F, sd) in enumerate(zip(rows.factors, rows.deviations(size), strict=True)):
-        Z, W = np.split(F[:, :-1], [rows.k], axis=1)
+        Z, W = np.split(F[:, :-1], [SIZE], axis=1)
         own = {"own": W @ rows.spread} if j == released else {}
         total += Factor({f"columns{j}": Z, **own, "arm": W}, F[:, -1]).prior(f"columns{j}", sd)
     return total
@@ -66,9 +67,9 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
     rows = replace(rows, apart=np.r_[0.0, 0.3, np.zeros(len(estimate.noise) - 2)])
     size = np.array([0.1, 0.2, 0.3])
     left = rows.of_arm(size).rows
-    theta = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0]
+    theta = np.linalg.lstsq(left[:, :-1], left[:, -1], rcond=None)[0]
     error = rows.residual(size, 0.0, theta, stack.counts)
-    n, k, p = len(stack.joints), rows.k, len(theta)
+    n, k, p = len(stack.joints), SIZE, len(theta)
     whole = all_unknowns(rows, size, 1).prior("own", np.full(p, 0.3**0.5))
     names = [*(f"columns{j}" for j in range(n)), "own", "arm"]
     A = np.column_stack([*(whole.blocks[name] for name in names), whole.right])
@@ -130,7 +131,7 @@ def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
     rows = JointRows.of(stack, replace(estimate, theta=other), other)
     left = rows.of_arm(np.full(3, 1e-9)).rows
-    assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(
+    assert np.linalg.lstsq(left[:, :-1], left[:, -1], rcond=None)[0] == pytest.approx(
         other, rel=1e-5, abs=1e-6
     )
 
