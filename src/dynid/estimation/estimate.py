@@ -23,7 +23,6 @@ from dynid.estimation.identified import SAME_MOTION, JointQuality
 from dynid.estimation.least_squares import (
     NOT_DETERMINED,
     Fit,
-    condition_number,
     joint_rms,
     judge,
     relative_error,
@@ -172,14 +171,13 @@ def estimate(
     apart = apart_findings(stack.joints, used.error)
     return Identification(
         **picked(base, "robot", "reduction"),
-        **picked(plain.solution, "rank", "condition_number_scaled"),
+        **picked(plain.solution, "rank", "condition_number", "condition_number_scaled"),
         **picked(used, "theta", "covariance", "physical", model_error="error"),
         fit=plain,
         joints=_qualities(stack, rms, held_rms),
         relative_error_percent=total,
         heldout_relative_error_percent=held_percent,
         heldout=held_out,
-        condition_number=condition_number(plain.whitened, plain.solution.rank),
         samples=stack.samples,
         expected=expected_error(stack, used, rms),
         why=why,

@@ -19,7 +19,7 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.factor import triangle
+from dynid.estimation.factor import of_unit_diagonal, triangle
 from dynid.estimation.least_squares import (
     Fit,
     hac_covariance,
@@ -49,71 +49,41 @@ def has_spikes(rows: Rows, theta: Floats) -> bool:
     return bool(np.any(fourth > tuning.SPIKE_KURTOSIS * np.maximum(square**2, 1e-300)))
 
 
-def huber(rows: Rows, start: Fit) -> Fit:
+def reweighted(rows: Rows, start: Fit, method: str) -> Fit:
     """Fit with weights min(1, 1.345 sigma / |residual|), iterated (Huber 1981).
 
     Args:
         rows: observation rows.
-        start: plain fit of the same rows.
+        start: plain fit of the same rows, whose factors and covariance the result keeps.
+        method: ``"irls"``, or ``"iv"`` with the instruments of the rows.
 
     Returns:
-        The fit, with the robust standard deviation of each joint; its covariance is that of white residuals.
-    """
-    theta, few = start.theta, start.counts < tuning.NOISE_LEAST_ROWS
-    for _ in range(tuning.FIT_ROUNDS):
-        noise = np.where(few, start.noise, robust_noise(rows, theta))
-        R = merge(rows.factors(np.sqrt(huber_weight(rows.residual(theta), noise))), 1.0 / noise)
-        solution = solve(R)
-        change, theta = solution.theta - theta, solution.theta
-        # Why not each parameter by its error: of those that the rows leave open both are rounding.
-        moved = np.linalg.norm(R[:-1, :-1] @ change) / np.sqrt(max(1, solution.rank))
-        if moved < tuning.HUBER_SETTLED:
-            break
-    return replace(start, method="irls", theta=theta, noise=noise, covariance=solution.inverse)
-
-
-def huber_weight(residual: Floats, noise: Floats) -> Floats:
-    """Return min(1, 1.345 sigma / |residual|), (M, n), for residuals (M, n) and noise (n,) in the same unit."""
-    return np.minimum(1.0, tuning.HUBER / np.maximum(np.abs(residual / noise), 1e-12))
-
-
-def instrumental(rows: Rows, plain: Fit) -> Fit:
-    """Estimate with the instruments that come with the rows, with little weight for spikes (Huber).
-
-    Args:
-        rows: observation rows with instruments.
-        plain: plain fit of the same rows, whose factors the result keeps.
-
-    Returns:
-        The estimate; its covariance allows for coloured residuals.
+        The fit, with the robust standard deviation of each joint.
 
     Raises:
         RankDeficient: the instruments do not move with the regressor.
     """
-    noise, weight = np.ones(len(plain.noise)), rows.use * 1.0
-    for k in range(tuning.FIT_ROUNDS):
-        theta = _by_instruments(rows, weight / noise**2)
-        before, noise = noise, robust_noise(rows, theta)
-        if k and np.all(np.abs(noise - before) <= 1e-4 * before):
+    theta, few = start.theta, start.counts < tuning.NOISE_LEAST_ROWS
+    for _ in range(tuning.FIT_ROUNDS):
+        noise = np.where(few, start.noise, robust_noise(rows, theta))
+        far = np.abs(rows.residual(theta) / noise) / tuning.HUBER
+        weight, before = 1.0 / np.maximum(far, 1.0), theta
+        if method == "iv":
+            theta = _by_instruments(rows, rows.use * weight / noise**2)
+        else:
+            theta = solve(merge(rows.factors(np.sqrt(weight)), 1.0 / noise)).theta
+        # Why not each parameter by its error: of those that the rows leave open both are rounding.
+        moved = np.linalg.norm(merge(start.factors, 1.0 / noise)[:-1, :-1] @ (theta - before))
+        if moved < tuning.HUBER_SETTLED * np.sqrt(max(1, start.solution.rank)):
             break
-        weight = rows.use * huber_weight(rows.residual(theta), noise)
-    covariance = hac_covariance(rows, theta, noise, robust=True)
-    return replace(
-        plain,
-        method="iv",
-        theta=theta,
-        noise=noise,
-        covariance=widened(rows, plain, covariance),
-        uncorrected=covariance,
-    )
+    return replace(start, method=method, theta=theta, noise=noise)
 
 
 def _by_instruments(rows: Rows, weight: Floats) -> Floats:
     """Return (Z^T S W)^-1 Z^T S tau, (p,), with weights of the rows, (M, n)."""
     Z = rows.instruments * weight[:, :, None]
     ZW, Ztau = (np.tensordot(Z, x, axes=((0, 1), (0, 1))) for x in (rows.W, rows.tau))
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(ZW)), np.finfo(float).tiny))
-    scaled = scale[:, None] * ZW * scale
+    scaled, scale = of_unit_diagonal(ZW)
     condition = float(np.linalg.cond(scaled))
     if not condition < tuning.INSTRUMENTS_WORST_CONDITION:
         raise RankDeficient(
@@ -144,16 +114,16 @@ def fitted(stack: Stack, method: str) -> Fit:
             weight for spikes, ``"ridge"`` near the prior (the paper's last remark on estimation), or ``"iv"`` with the
             commanded motion as instruments, which knows nothing of the encoders' noise.
     """
-    rows, earlier, robust = stack.rows, stack.earlier, method == "irls"
+    rows, earlier, robust = stack.rows, stack.earlier, method in ("irls", "iv")
     if method == "iv":
         if not all(each.command_q.size for log in stack.logs for each in log.segments):
             raise WrongUsage(
                 "--method iv needs the commanded motion, and the log has none (q_ref)",
                 fix="use --method wls, or a log recorded by dynid record",
             )
-        return instrumental(stack.instrumented, stack.first_fit)
+        rows = stack.instrumented
     fit = ordinary(stack.factors, stack.counts) if method == "ols" else stack.first_fit
-    fit = huber(rows, fit) if robust else fit
+    fit = reweighted(rows, fit, method) if robust else fit
     fit = near_prior(fit, stack.base) if method == "ridge" else fit
     inverse = fit.solution.inverse
     if earlier is not None:
@@ -163,9 +133,10 @@ def fitted(stack: Stack, method: str) -> Fit:
         new = hac_covariance(rows, fit.theta, fit.noise, bread=inverse)
         return replace(fit, covariance=sensitivity @ earlier.covariance @ sensitivity.T + new)
     # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
-    bread = None if robust and not fit.leaves_open else inverse
+    unique = not fit.open.any()
+    bread = None if robust and unique else inverse
     covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust, bread=bread)
-    wide = inverse if fit.leaves_open else widened(rows, fit, covariance)
+    wide = widened(rows, fit, covariance) if unique else inverse
     return replace(fit, covariance=wide, uncorrected=covariance)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.arrays import Floats
 from dynid.errors import Finding, WrongUsage
-from dynid.estimation.least_squares import Fit, normal_quantile, relative_error
+from dynid.estimation.least_squares import Fit, relative_error
 from dynid.estimation.one_state import OneState, one_state
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import JointError
@@ -176,7 +176,9 @@ class Identified:
         Args:
             level: probability that the interval of a parameter holds its true value.
         """
-        half = normal_quantile(0.5 + level / 2) * self.std_error
+        from scipy.special import ndtri  # here: its import takes long
+
+        half = ndtri(0.5 + level / 2) * self.std_error
         return np.column_stack([self.theta - half, self.theta + half])
 
     def parameter_rows(self) -> list[dict[str, Any]]:

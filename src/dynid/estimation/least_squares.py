@@ -20,7 +20,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from statistics import NormalDist
 
 import numpy as np
 
@@ -100,6 +99,11 @@ class Solution:
     condition_number_scaled: float
     weak: Floats
 
+    @property
+    def condition_number(self) -> float:
+        """Condition number of W, columns as they are; infinite where the rank is short."""
+        return float(np.linalg.cond(self.root)) if self.rank == len(self.theta) else math.inf
+
     @cached_property
     def inverse(self) -> Floats:
         """Inverse of W^T W, (p, p); of whitened rows the covariance, in products of the parameters' units."""
@@ -132,16 +136,6 @@ def solve(R: Floats) -> Solution:
         condition_number_scaled=float(sigma[0] / sigma[-1]) if rank == len(sigma) else math.inf,
         weak=Vt[rank:].T / length[:, None],
     )
-
-
-def condition_number(R: Floats, rank: int) -> float:
-    """Return the condition number of W, columns as they are, of a factor of [W tau]; infinite where the rank is short.
-
-    Args:
-        R: factor, (p + 1, p + 1).
-        rank: number of directions that the rows excite, from ``solve``.
-    """
-    return float(np.linalg.cond(R[:-1, :-1])) if rank == len(R) - 1 else math.inf
 
 
 @dataclass(frozen=True)
@@ -191,11 +185,6 @@ class Fit:
         """Root mean square of each whitened column of the regressor, (p,): noise a unit of theta."""
         size = np.linalg.norm(self.whitened[:, :-1], axis=0)
         return size / np.sqrt(max(1, self.counts.sum()))
-
-    @property
-    def leaves_open(self) -> bool:
-        """Whether the rows leave parameters open, for which instruments have no answer."""
-        return self.solution.rank < len(self.theta)
 
     @cached_property
     def inflation(self) -> float:
@@ -345,12 +334,12 @@ def widened(rows: Rows, fit: Fit, covariance: Floats) -> Floats:
         fit: the estimate, of p parameters.
         covariance: its covariance without this correction, (p, p).
     """
-    from scipy.special import stdtrit  # here: its import takes as long as a fit
+    from scipy.special import ndtri, stdtrit  # here: their import takes as long as a fit
 
     memory = _memory(rows)
     independent = int(rows.use.sum()) / memory
     freedom = max(independent - len(fit.theta), tuning.LEAST_FREEDOM)
-    quantile = float(stdtrit(freedom, 0.975)) / normal_quantile(0.975)
+    quantile = stdtrit(freedom, 0.975) / ndtri(0.975)
     least = memory * np.diagonal(fit.solution.inverse)
     least = least / np.maximum(np.diagonal(covariance), np.finfo(float).tiny)
     factor = quantile * np.sqrt(np.maximum(1.0, least))
@@ -391,17 +380,15 @@ def automatic_lags(series: Sequence[Floats]) -> int:
         series: score series of runs without gaps, (M_k, p) [1 / unit of each parameter].
     """
     length = sum(len(one) for one in series)
-    power, together = np.zeros((2, series[0].shape[1]))
-    for one in series:
-        power += np.sum(one[:-1] ** 2, axis=0)
-        together += np.sum(one[:-1] * one[1:], axis=0)
-    rho = together / np.where(power > 0.0, power, 1.0)
-    rho = np.clip(
-        rho, -0.97, 0.97
-    )  # Andrews, Monahan 1992: a unit root would ask for infinitely many lags
-    innovation = 1.0 - rho**2  # columns scaled to unit variance
-    top = np.sum(4 * rho**2 * innovation**2 / ((1 - rho) ** 6 * (1 + rho) ** 2))
-    bottom = np.sum(innovation**2 / (1 - rho) ** 4)
+    before, after = (
+        np.concatenate([one[part] for one in series]) for part in (slice(-1), slice(1, None))
+    )
+    power = np.sum(before**2, axis=0)
+    rho = np.sum(before * after, axis=0) / np.where(power > 0.0, power, 1.0)
+    rho = np.clip(rho, -0.97, 0.97)  # Andrews, Monahan 1992: a unit root asks for no end of lags
+    # Of columns scaled to unit variance, whose innovations have the variance 1 - rho^2.
+    top = np.sum(4 * rho**2 / (1 - rho) ** 4)
+    bottom = np.sum((1 + rho) ** 2 / (1 - rho) ** 2)
     bandwidth = 1.1447 * (top / bottom * length) ** (1 / 3)
     return int(min(np.ceil(bandwidth), max(1, length // 4)))
 
@@ -456,8 +443,3 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
 def counted(knowledge: tuple[str, ...]) -> str:
     """Return how many parameters are known how well, such as ``"57 well, 5 negligible, 2 roughly"``."""
     return ", ".join(f"{knowledge.count(word)} {word}" for word in WORDS if word in knowledge)
-
-
-def normal_quantile(p: float) -> float:
-    """Return what a standard normal number stays below with a probability."""
-    return NormalDist().inv_cdf(p) if 0.0 < p < 1.0 else math.copysign(math.inf, p - 0.5)

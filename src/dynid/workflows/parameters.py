@@ -17,7 +17,7 @@ from dynid.estimation import prediction
 from dynid.estimation.drive_gains import Gains, find_gains, known_load
 from dynid.estimation.estimate import weakly_excited
 from dynid.estimation.friction_step import with_coulomb, with_estimated_step
-from dynid.estimation.least_squares import condition_number, merge, solve
+from dynid.estimation.least_squares import merge, solve
 from dynid.estimation.stack import (
     SCHEMA,
     Stack,
@@ -99,8 +99,7 @@ class Observations(Answered):
 
     def facts(self) -> Facts:
         """Return what the JSON answer of ``dynid parameters`` says."""
-        R, header = merge(self.stack.factors), self.header()
-        solution = solve(R)
+        solution, header = solve(merge(self.stack.factors)), self.header()
         return {
             **{
                 key: header[key]
@@ -115,9 +114,8 @@ class Observations(Answered):
             },
             "samples": self.stack.samples,
             "rate_hz": self.stack.logs[0].filter.rate,
-            **picked(solution, "rank", "condition_number_scaled"),
+            **picked(solution, "rank", "condition_number", "condition_number_scaled"),
             "structural_rank": self.base.rank,
-            "condition_number": condition_number(R, solution.rank),
             "findings": [*self.findings, *weakly_excited(self.stack)],
         }
 

@@ -7,9 +7,8 @@ import pytest
 
 import models
 from dynid.errors import LogTooShort, RankDeficient
-from dynid.estimation.estimators import has_spikes, huber, instrumental, near_prior
+from dynid.estimation.estimators import has_spikes, near_prior, reweighted
 from dynid.estimation.least_squares import (
-    condition_number,
     hac_covariance,
     judge,
     merge,
@@ -50,7 +49,7 @@ def test_ordinary_fit_is_that_of_all_rows():
     assert np.allclose(fit.covariance, squares / (1200 - 5) * np.linalg.inv(X.T @ X), rtol=1e-9)
     assert np.allclose(fit.rms, np.sqrt(np.mean(rows.residual(theta) ** 2, axis=0)))
     scaled = np.linalg.cond(X / np.linalg.norm(X, axis=0))
-    assert condition_number(fit.whitened, fit.solution.rank) == pytest.approx(np.linalg.cond(X))
+    assert fit.solution.condition_number == pytest.approx(np.linalg.cond(X))
     assert fit.solution.condition_number_scaled == pytest.approx(scaled)
 
 
@@ -131,11 +130,11 @@ def recording(seed=0, samples=2000, rho=0.0, spikes=0.0, error=0.0, shift=0):
 
 
 def robust(rows):
-    return huber(rows, plain(rows))
+    return reweighted(rows, plain(rows), "irls")
 
 
 def instruments(rows):
-    return instrumental(rows, plain(rows))
+    return reweighted(rows, plain(rows), "iv")
 
 
 def covers(theta, truth, covariance):
@@ -158,10 +157,7 @@ def test_intervals_cover_what_they_say(estimate, options):
         rows = recording(seed, 800, **options)
         fit = estimate(rows)
         textbook.append(covers(fit.theta, TRUTH, fit.covariance))
-        covariance = fit.covariance
-        if estimate is not instruments:
-            sandwich = {"robust": True} if estimate is robust else {}
-            covariance = hac_covariance(rows, fit.theta, fit.noise, **sandwich)
+        covariance = hac_covariance(rows, fit.theta, fit.noise, robust=estimate is not plain)
         inside.append(covers(fit.theta, TRUTH, covariance))
     assert 0.90 <= np.mean(inside) <= 0.99
     assert "rho" not in options or np.mean(textbook) < 0.70
