@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dynid.arrays import Floats, Mask
-from dynid.estimation.residual_model import ModelError, shapes_in
-from dynid.estimation.rows import Rows, at_rows
+from dynid.arrays import Floats, Ints, Mask
+from dynid.estimation.residual_model import ModelError, residuals
+from dynid.estimation.rows import at_rows
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact, reading
-from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog, Segment
-from dynid.signals.filters import Filter
 
 SCHEMA = "dynid/estimatedmotion/1"
 
@@ -38,6 +35,7 @@ class EstimatedMotion:
         tau_measured: torques after the parallel filter, (M, n).
         tau_estimated: torques of the model after the same filter, (M, n).
         usable: rows that count, (M, n).
+        log: number of the log, (M,).
     """
 
     t: Floats
@@ -50,66 +48,48 @@ class EstimatedMotion:
     tau_measured: Floats
     tau_estimated: Floats
     usable: Mask
+    log: Ints
 
 
-def predict(
-    log: ConditionedLog,
-    rows: Rows,
-    theta: Floats,
-    error: ModelError | None,
-    observer: Observer,
-) -> EstimatedMotion:
-    """Predict the torques of one log.
+def predict(stack: Stack, theta: Floats, error: ModelError | None = None) -> EstimatedMotion:
+    """Predict the torques of all logs of a stack.
 
     Args:
-        log: the conditioned log.
-        rows: all its rows.
+        stack: all rows of the logs.
         theta: base parameters, (p,), each in its unit.
         error: the model error whose mean is part of the prediction; None without.
-        observer: evaluator of the base columns.
     """
-    tau = rows.torque(theta)
-    if error is not None:
-        tau = tau + error.torque(rows.W, shapes_in(log, observer, error.speed))
-    q, qd, qdd = np.split(at_rows(log, lambda s: np.hstack([s.q, s.qd, s.qdd]).T), 3, axis=1)
-    raw = zip(*(_raw(segment, log.filter) for segment in log.segments), strict=True)
-    raw_q, raw_qd, raw_qdd = map(np.concatenate, raw)
-    return EstimatedMotion(rows.t, raw_q, q, raw_qd, qd, raw_qdd, qdd, rows.tau, tau, rows.use)
-
-
-def predict_logs(
-    stack: Stack, theta: Floats, error: ModelError | None = None
-) -> list[EstimatedMotion]:
-    """Predict the torques of all logs of a stack from base parameters, (p,), each in its unit, and the model error."""
     rows = stack.rows
-    return [
-        predict(log, rows.take(rows.log == k), theta, error, stack.observer)
-        for k, log in enumerate(stack.logs)
-    ]
+    raw_q, raw_qd, raw_qdd = np.split(stack.along(_raw), 3, axis=1)
+    q, qd, qdd = np.split(stack.along(_filtered), 3, axis=1)
+    tau = rows.tau - residuals(stack, theta, error)
+    return EstimatedMotion(
+        rows.t, raw_q, q, raw_qd, qd, raw_qdd, qdd, rows.tau, tau, rows.use, rows.log
+    )
 
 
-def _raw(segment: Segment, chosen: Filter) -> tuple[Floats, ...]:
-    """Return raw q, qd, qdd of a segment at the instants of its rows."""
-    half, q, t = (chosen.second_kernel.shape[1] - 1) // 2, segment.raw_q, segment.t
-    qdd = np.gradient(np.gradient(q, t, axis=0), t, axis=0) if len(t) > 1 else 0.0 * q
-    centres = slice(half, max(half, len(t) - half), chosen.second_step)
-    return q[centres], segment.raw_qd[centres], qdd[centres]
+def _filtered(log: ConditionedLog, t: Floats) -> Floats:
+    """Return q, qd and qdd under the filter of the torques at the times of rows, (M, 3 n)."""
+    return at_rows(log, lambda part: np.hstack([part.q, part.qd, part.qdd]).T, t)
 
 
-def concatenated(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
-    """Return motions one after the other as one, times as they are."""
-    names = vars(motions[0])
-    return EstimatedMotion(**{x: np.concatenate([vars(m)[x] for m in motions]) for x in names})
+def _raw(log: ConditionedLog, t: Floats) -> Floats:
+    """Return q, qd and qdd without filters at the times of rows, (M, 3 n)."""
+
+    def motion(part: Segment) -> Floats:
+        qdd = np.gradient(np.gradient(part.raw_q, part.t, axis=0), part.t, axis=0)
+        return np.hstack([part.raw_q, part.raw_qd, qdd])[np.isin(part.t, t)]
+
+    return np.concatenate([motion(part) for part in log.segments])
 
 
-def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:
+def save(path: Path, motion: EstimatedMotion, header: dict[str, Any]) -> None:
     """Write estimatedmotion.npz; several logs follow each other, ``log`` says which is which."""
-    log = np.repeat(np.arange(len(motions)), [len(motion.t) for motion in motions])
-    write_artifact(path, SCHEMA, header, {**vars(concatenated(motions)), "log": log})
+    write_artifact(path, SCHEMA, header, vars(motion))
 
 
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
-    """Read estimatedmotion.npz as one motion, and its header."""
+    """Read estimatedmotion.npz, and its header."""
     artifact = read_artifact(path, SCHEMA)
     with reading(path):
         arrays = {each.name: artifact.arrays[each.name] for each in fields(EstimatedMotion)}

@@ -79,8 +79,7 @@ def gather(result: Identification) -> Gathered:
     if not result.path.name:
         if result.stack is None:
             return Gathered(result, result.judgement)
-        motions = prediction.predict_logs(result.stack, result.theta)
-        fitted = prediction.concatenated(motions)
+        fitted = prediction.predict(result.stack, result.theta, result.model_error)
         return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.factors))
     run, robot = RunFolder.of(result.path), result.robot
     record = read_record(run.search) if run.search.is_file() else None

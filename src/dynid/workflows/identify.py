@@ -302,8 +302,8 @@ def save_result(folder: Path, result: Identification, facts: Facts | None = None
     there, joints = RunFolder(folder), result.robot.joint_names
     header = {**facts, **result.header, "joints": joints, "torque_from": "identified"}
     assert result.stack is not None, "a result that was read from a file has no rows"
-    motions = prediction.predict_logs(result.stack, result.theta, result.model_error)
-    prediction.save(there.motion, motions, header)
+    motion = prediction.predict(result.stack, result.theta, result.model_error)
+    prediction.save(there.motion, motion, header)
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
     return [
         there.motion,

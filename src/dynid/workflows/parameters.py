@@ -140,9 +140,9 @@ class Observations(Answered):
         prior = self.base.prior(unknown=0.0)
         words = "the prior; dynid identify puts the identified torque here"
         header = {"joints": self.stack.joints, "torque_from": words}
-        motions = prediction.predict_logs(self.stack, prior)
+        predicted = prediction.predict(self.stack, prior)
         wrote = self.save_stack(folder, facts)
-        prediction.save(motion, motions, {**(facts or {}), **self.header(), **header})
+        prediction.save(motion, predicted, {**(facts or {}), **self.header(), **header})
         return [wrote, motion]
 
     def save_stack(self, folder: Path, facts: Facts | None = None) -> Path:

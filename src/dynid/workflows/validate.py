@@ -20,7 +20,7 @@ from dynid.estimation.prediction import EstimatedMotion, JointCheck
 from dynid.estimation.residual_model import ModelError, shapes_in, torque_variance
 from dynid.estimation.result import Identification
 from dynid.estimation.rows import Rows, rows_of
-from dynid.estimation.stack import scaled
+from dynid.estimation.stack import Stack, scaled
 from dynid.exporters import FORMATS
 from dynid.files.artifact import read_header
 from dynid.files.convert import JointStates, write_replay
@@ -174,7 +174,7 @@ class Validation(Judged):
             "unseen": asdict(self.unseen),
             "of": self.of,
         }
-        prediction.save(path, [self.motion], header)
+        prediction.save(path, self.motion, header)
         return path
 
     def save_mcap(self, path: Path, urdf: str) -> Path:
@@ -248,7 +248,7 @@ def validate(
     observer = base.observer
     rows = rows_of(replayed, observer)
     error = None if options.residual_model is False else result.model_error
-    motion = prediction.predict(replayed, rows, result.theta, error, observer)
+    motion = prediction.predict(Stack(base, (replayed,), rows), result.theta, error)
     if not motion.usable.any():
         raise LogTooShort(f"{where} has no sample in motion: there is nothing to predict")
     columns = error.columns(rows.W, shapes_in(replayed, observer, error.speed)) if error else None

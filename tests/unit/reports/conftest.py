@@ -21,7 +21,7 @@ NASTY = '<b>x & "y"</b>'
 def waves(n, residual):
     t = np.linspace(0, 10, 400)
     wave = np.sin(t[:, None] * np.arange(1, n + 1))
-    return EstimatedMotion(t, *(wave,) * 6, wave + residual, wave, np.ones(wave.shape, dtype=bool))
+    return EstimatedMotion(t, *(wave,) * 6, wave + residual, wave, wave < 2, 0 * t)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def motion(robot):
     t = np.concatenate([np.arange(0, 5, 0.01), np.arange(7, 10, 0.01)])
     rng = np.random.default_rng(0)
     arrays = [rng.normal(size=(len(t), robot.n)) for _ in range(8)]
-    return EstimatedMotion(t, *arrays, np.ones((len(t), robot.n), dtype=bool))
+    return EstimatedMotion(t, *arrays, arrays[0] < np.inf, 0 * t)
 
 
 @pytest.fixture(scope="module")

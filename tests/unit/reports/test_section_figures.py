@@ -44,9 +44,8 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
     rng = np.random.default_rng(2)
     qd, q = rng.uniform(-1, 1, (2, 4800, robot.n))
     zero = np.zeros_like(q)
-    motion = EstimatedMotion(
-        np.arange(4800.0), q, q, qd, qd, zero, zero, np.sign(qd), zero, zero == 0
-    )
+    t = np.arange(4800.0)
+    motion = EstimatedMotion(t, q, q, qd, qd, zero, zero, np.sign(qd), zero, zero == 0, t)
     _, line, _, size = residual_averages(motion, 0, "velocity")
     assert len(line) == 24
     assert size == pytest.approx(1.0, rel=1e-3)
@@ -61,7 +60,8 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
 @pytest.mark.parametrize("count", [0, 1, 25, 26])
 def test_a_residual_of_so_few_samples_is_drawn(robot, count):
     some = np.ones((count, robot.n))
-    motion = EstimatedMotion(np.arange(float(count)), *[some] * 6, 0.9 * some, 0.0 * some, some > 0)
+    t = np.arange(float(count))
+    motion = EstimatedMotion(t, *[some] * 6, 0.9 * some, 0.0 * some, some > 0, t)
     residual_figure(motion, robot).draw_without_rendering()
 
 
