@@ -127,14 +127,11 @@ def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> floa
         return None
     left, middle, right = apart[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
-    part = 0.5 * (left - right) / bend if bend > 0.0 else 0.0
-    return float(lags[best] + (part if abs(part) > tuning.SAME_GRID else 0.0))
+    return float(lags[best] + (0.5 * (left - right) / bend if bend > 0.0 else 0.0))
 
 
 def shifted(x: Floats, rows: float) -> Floats:
     """Return x(k + rows) of a signal without what is faster than half its rate, (M, n)."""
-    if rows == 0.0:
-        return x
     k = np.arange(-8, 9)
     kernel = np.sinc(k - rows) * np.kaiser(17, 5.0)
     return np.stack(

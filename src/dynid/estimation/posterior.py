@@ -340,22 +340,22 @@ def expected_error(stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
     """
     error, base, count = post.error, stack.base, np.maximum(stack.counts, 1)
-    rows, larger, columns = stack.factors.swapaxes(0, 1), 1.0, None
-    W = rows[:, :, :-1]
+    factors, larger = stack.factors.swapaxes(0, 1), 1.0
+    W = columns = factors[:, :, :-1]
     if error is not None:
         # Why: a fit takes from the residuals what it cannot take from those of another recording.
         larger, columns = tuning.UNSEEN_RESIDUAL, np.pad(W, ((0, 0), (0, 0), (SIZE, 0)))
-    spread = np.sum(torque_variance(W, post.covariance, error, columns), axis=0) / count
+    spread = np.sum(torque_variance(columns, post.covariance, error), axis=0) / count
     other = np.sum((W @ post.changes) ** 2, axis=(0, 2)) / count
-    size = np.sum(rows[:, :, -1] ** 2, axis=0) / count
+    size = np.sum(factors[:, :, -1] ** 2, axis=0) / count
     noise = larger * np.sqrt(rms**2 + np.maximum(spread - other, 0.0))
     q, qd, qdd = exciting_states(base.robot)
-    W = base.observer.dense(q, qd, qdd)
+    W = columns = base.observer.dense(q, qd, qdd)
     tau = W @ post.theta
     if error is not None:
         shapes = error.shapes_at(q, qd, base.observer)
         tau, columns = tau + error.torque(W, shapes), error.columns(W, shapes)
-    variance = torque_variance(W, post.covariance, error, columns)
+    variance = torque_variance(columns, post.covariance, error)
     return ExpectedError(
         _percent(np.sum(noise**2 + spread), np.sum(size)),
         _percent(np.sum(np.mean(variance, axis=0) + noise**2), np.sum(np.mean(tau**2, axis=0))),

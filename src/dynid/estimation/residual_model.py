@@ -207,21 +207,18 @@ class ModelError(Columns):
         return np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
 
 
-def torque_variance(
-    W: Floats, covariance: Floats, error: ModelError | None, columns: Floats | None
-) -> Floats:
+def torque_variance(columns: Floats, covariance: Floats, error: ModelError | None) -> Floats:
     """Return the variance of predicted torques, noise not included, (M, n) [N^2 m^2 or N^2].
 
     Args:
-        W: base regressor, (M, n, p).
+        columns: base regressor W there, (M, n, p); [Z W], (M, n, k + p), beside a model error.
         covariance: of the parameters, (p, p).
         error: the model error; None without.
-        columns: [Z W] there, (M, n, k + p).
     """
-    root, variance = symmetric_root(covariance), np.empty(W.shape[:2])
-    for j in range(W.shape[1]):
-        doubt = W[:, j] @ root
-        if error is not None and columns is not None:
+    root, variance = symmetric_root(covariance), np.empty(columns.shape[:2])
+    for j in range(columns.shape[1]):
+        doubt = columns[:, j, -len(root) :] @ root
+        if error is not None:
             arm = doubt + columns[:, j] @ (error.slope[j] @ root)
             doubt = np.hstack([arm, columns[:, j] @ error.root[j]])
         variance[:, j] = np.sum(doubt**2, axis=1)

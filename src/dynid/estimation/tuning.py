@@ -246,9 +246,6 @@ SHORTEST_REPEAT_S = 4.0
 #: Largest distance of two runs of one motion, as a share of its spread. evidence: repeats of real and simulated arms
 #: differ by 0.003 to 0.006, other motions by about 1.
 REPEATED = 0.03
-#: Runs whose rows are closer than this share of a step are on the same grid; interpolation costs noise. evidence: none
-#: yet.
-SAME_GRID = 0.1
 #: A joint that moves less says nothing about which motion it is [rad or m]. evidence: none yet.
 STILL_RAD = 1e-3
 #: Fewest rows that have a spectrum. evidence: none yet.

@@ -251,7 +251,9 @@ def validate(
     motion = prediction.predict(Stack(base, (replayed,), rows), result.theta, error)
     if not motion.usable.any():
         raise LogTooShort(f"{where} has no sample in motion: there is nothing to predict")
-    columns = error.columns(rows.W, shapes_in(replayed, observer, error.speed)) if error else None
+    columns = rows.W
+    if error is not None:
+        columns = error.columns(rows.W, shapes_in(replayed, observer, error.speed))
     simpler, baseline = rows.torque(np.nan_to_num(result.prior)), "the prior of the robot file"
     if base.robot.prior is None or base.robot.torque.relative:
         measured, baseline = motion.tau_measured, "a constant torque"
@@ -293,13 +295,13 @@ def _broken(
 
 
 def _expected(
-    result: Identification, rows: Rows, error: ModelError | None, columns: Floats | None
+    result: Identification, rows: Rows, error: ModelError | None, columns: Floats
 ) -> float | None:
     """Return the relative error that the posterior of a result expects on rows [%]; None without one."""
     torque = np.sum(rows.tau[rows.use] ** 2)
     if not np.isfinite(result.std_error).all() or not torque:
         return None
-    spread = torque_variance(rows.W, result.covariance, error, columns)
+    spread = torque_variance(columns, result.covariance, error)
     errors = (spread + result.expected.noise**2)[rows.use]
     return float(100.0 * np.sqrt(errors.sum() / torque))
 

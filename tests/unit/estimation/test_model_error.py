@@ -83,7 +83,7 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
     columns = error.columns(W, shapes)
     row, Z = np.zeros(len(x)), columns[:, :, :k]
     row[k : 2 * k], row[n * k : -p], row[-p:] = Z[0, 1], W[0, 1] @ rows.spread, W[0, 1]
-    variance = torque_variance(W, covariance[-p:, -p:], error, columns)
+    variance = torque_variance(columns, covariance[-p:, -p:], error)
     assert variance[0, 1] == pytest.approx(row @ covariance @ row, rel=1e-4)
 
 
