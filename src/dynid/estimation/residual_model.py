@@ -413,8 +413,6 @@ def _projection(base: BaseModel, columns: Columns) -> Floats:
 SETTLED = 1e-12
 #: Sizes of the groups without any model error.
 NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
-#: Change of the log evidence that tells nothing: a size without which it falls by less is none.
-UNTOLD = 1e-4
 #: What is added to a matrix with a diagonal of ones before it is factored: a few times its rounding.
 SINGULAR = 1e-13
 
@@ -494,11 +492,7 @@ def best_size(rows: JointRows, arm: PhysicalParameters) -> Floats:
         minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds)
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
-    best = min(searches, key=lambda each: each.fun)
-    logs = best.x
-    for k in range(len(logs)):
-        without = np.where(np.arange(len(logs)) == k, low, logs)
-        logs = without if negative(without)[0] <= best.fun + UNTOLD else logs
+    logs = min(searches, key=lambda each: each.fun).x
     inside = (logs > low) & (logs < high)
 
     def slopes(there: Floats) -> Floats:
