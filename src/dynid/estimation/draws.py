@@ -7,7 +7,7 @@ sampling; Murray, Adams, MacKay 2010). All draws walk together. Reads a result; 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from dynid.errors import WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.identified import Identified
 from dynid.estimation.least_squares import symmetric_root
-from dynid.estimation.possible_arm import constraints_of
+from dynid.estimation.possible_arm import constraints_of, objective_of
 from dynid.estimation.possible_set import PhysicalConstraints, pseudo_inertia
 from dynid.estimation.residual_model import SIZE
 
@@ -189,12 +189,10 @@ def _apart(x: Floats, root: Floats, constraints: PhysicalConstraints) -> tuple[F
 
     The measure is the barrier's: the sum of squares of the relative changes of second moments and positive numbers.
     """
-    inverse = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(x[constraints.bodies])))
-    change = pseudo_inertia(root.T[:, constraints.bodies])
-    bodies = inverse @ change @ inverse.swapaxes(-1, -2)
-    bounds = (constraints.G @ root / (constraints.G @ x - constraints.h)[:, None]).T
-    near = np.hstack([bodies.reshape(len(bodies), -1), bounds])
-    values, vectors = np.linalg.eigh(near @ near.T)
+    nothing, walls = np.zeros((0, len(x))), np.ones(len(constraints.h))
+    barrier = replace(objective_of(nothing, nothing[:, 0], constraints, 1.0), mu=walls)
+    near = barrier.curvature(*barrier.relative(x))
+    values, vectors = np.linalg.eigh(root.T @ near @ root)
     free = np.cumsum(values) <= tuning.DRAW_FREE
     return root @ vectors[:, free], root @ vectors[:, ~free]
 

@@ -239,7 +239,7 @@ def fit_physical(R: Floats, r: Floats, constraints: PhysicalConstraints) -> tupl
     Returns:
         The unique minimiser, (c,), and the objective there.
     """
-    objective = _objective(R, r, constraints)
+    objective = objective_of(R, r, constraints)
     x = minimise(objective, feasible_start(constraints))
     return x, objective.value(x)
 
@@ -278,7 +278,7 @@ def fit_pooled(
     constraints = with_pooled_prior(constraints, x)
     bound = followed(constraints, x)
     for _ in range(tuning.POOLING_ROUNDS):
-        x = minimise(_objective(R, r, bound), x, tuning.POOLING_TOLERANCE)
+        x = minimise(objective_of(R, r, bound), x, tuning.POOLING_TOLERANCE)
         before, constraints = bound, with_pooled_prior(constraints, x)
         bound = followed(constraints, x)
         if not _settled(before, bound):
@@ -288,7 +288,7 @@ def fit_pooled(
             break
         constraints = with_bodies(constraints, size * constraints.prior_pseudo_inertia)
         bound = followed(constraints, x)
-    objective = _objective(R, r, bound)
+    objective = objective_of(R, r, bound)
     x = minimise(objective, x)
     return _fit(objective, x, R, constraints), constraints
 
@@ -371,7 +371,7 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     y = np.append(x, 1.0 + max(0.0, float((-constraints.slack(x) / size).max())))
     # Why a weak penalty on the distance from x: without data nothing else keeps friction and rotor inertia small.
     R, weights = np.eye(c, c + 1) / (1.0 + np.abs(x))[:, None], np.ones(k + 1)
-    base = _objective(R, R @ y, constraints, 1.0)
+    base = objective_of(R, R @ y, constraints, 1.0)
     for weight in (1e2, 1e4, 1e6, 1e8):
         y = minimise(replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y)
         if np.all(constraints.slack(y[:-1]) > 0.0):
@@ -382,7 +382,7 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     )
 
 
-def _objective(
+def objective_of(
     R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
 ) -> Objective:
     """Return the squares, with rows that hold parameters near zero, and the entropic divergence from the prior."""
