@@ -112,13 +112,8 @@ class Rows:
         blocks = *more, self.W, self.tau[:, :, None]
         factors = []
         for j, use in enumerate(self.use.T):
-            columns = np.vstack([x[:, j].T for x in blocks])
-            place = np.flatnonzero(columns.any(axis=1))
-            rows = columns[np.ix_(place, use)].T
-            if weight is not None:
-                rows *= weight[use, j, None]
-            factors.append(np.zeros((len(columns), len(columns))))
-            factors[j][np.ix_(place, place)] = triangle(rows)
+            rows = np.hstack([x[use, j] for x in blocks])
+            factors.append(triangle(rows if weight is None else rows * weight[use, j, None]))
         return np.array(factors)
 
     @property
