@@ -89,21 +89,21 @@ class Factor:
         return self + Factor(known, np.zeros(len(sd)), -float(np.sum(np.log(sd))))
 
     def without(self, *names: str) -> tuple[Factor, Factor]:
-        """Return the rows of the other blocks when these are integrated out, and the rows that say what these are.
+        """Return what is left of the other blocks when these are integrated out, and the rows that say what these are.
+
+        Both are triangles, as many rows as they have columns.
 
         Args:
             names: of blocks, each of which has a prior or is told by the rows.
         """
         blocks = {**{name: self.blocks[name] for name in names}, **self.blocks}
-        rows = np.column_stack([*blocks.values(), self.right])
-        ends = np.cumsum([0, *(columns.shape[1] for columns in blocks.values())])
-        k = ends[len(names)]
-        touched = rows[:, :k].any(axis=1)
-        R = triangle(rows[touched])
-        pivots = np.maximum(np.abs(np.diagonal(R)[:k]), np.finfo(float).tiny)
-        *columns, right = np.split(np.vstack([R, rows[~touched]]), ends[1:], axis=1)
+        ends = np.cumsum([columns.shape[1] for columns in blocks.values()])
+        k = ends[len(names) - 1]
+        R = triangle(np.column_stack([*blocks.values(), self.right]))
+        *columns, right = np.split(R, ends, axis=1)
         told = dict(zip(blocks, columns, strict=True))
         others = {name: told[name][k:] for name in self.blocks if name not in names}
+        pivots = np.maximum(np.abs(np.diagonal(R)[:k]), np.finfo(float).tiny)
         volume = self.volume - float(np.sum(np.log(pivots)))
         of_these = Factor({name: told[name][:k] for name in blocks}, right[:k, 0])
         return Factor(others, right[k:, 0], volume), of_these

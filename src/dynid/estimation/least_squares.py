@@ -62,9 +62,7 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
         (p + 1, p + 1) upper triangular.
     """
     scaled = factors if weights is None else factors * weights[:, None, None]
-    rows = scaled.reshape(-1, factors.shape[-1])
-    # Why: a joint has no rows for the links before it, which are nearly half of all.
-    return triangle(rows[np.any(rows, axis=1)])
+    return triangle(scaled.reshape(-1, factors.shape[-1]))
 
 
 def symmetric_root(matrix: Floats) -> Floats:

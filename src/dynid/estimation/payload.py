@@ -186,7 +186,7 @@ class LoadProblem:
             problem += Factor({"arm": arm, **unknown}, right)
             free.append(np.column_stack([W, right - arm @ theta]))
         load = problem.without("arm", "friction", "scale", "drift")[0]
-        R, unexplained = triangle(load.rows), triangle(np.vstack(free))[-1, -1]
+        R, unexplained = load.rows, triangle(np.vstack(free))[-1, -1]
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
         beyond = max(0.0, float(R[-1, -1] ** 2 - unexplained**2))
         freedom = int(np.linalg.matrix_rank(root)) - len(R) + 1 - self.friction.sum()
