@@ -217,13 +217,11 @@ def drive_ratings(robot: Robot) -> dict[str, float]:
     Coulomb friction and rotor inertia go with the rated torque, viscous friction with rated torque over speed. When
     all rotors were taken as equal, one of 0.35 kg m^2 came out near 0.04, the mean of its arm's six.
     """
-    ratings: dict[str, float] = {}
-    for k, joint in enumerate(robot.joints, start=1):
-        torque, velocity = joint.limits.torque, joint.limits.velocity
-        if robot.torque.source != "motor_torque" or not torque or not velocity:
-            return {}
-        ratings |= {f"fc{k}": torque, f"fv{k}": torque / velocity, f"Im{k}": torque}
-    return ratings
+    torque, velocity = (robot.limits(quantity, np.nan) for quantity in ("torque", "velocity"))
+    if robot.torque.source != "motor_torque" or np.isnan(torque + velocity).any():
+        return {}
+    rated = {"fc": torque, "fv": torque / velocity, "Im": torque}
+    return {f"{kind}{k + 1}": x[k] for kind, x in rated.items() for k in range(robot.n)}
 
 
 # ---------------------------------------------------------------- fits
@@ -467,11 +465,9 @@ def exciting_states(robot: Robot, least: Floats | float = 0.0) -> tuple[Floats, 
         robot: the arm.
         least: rms speed that each joint has at least, (n,) [rad/s or m/s].
     """
-    limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
-    usual = [tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits]
-    speed, rng = np.maximum(usual, least), np.random.default_rng(0)
-    turning, sliding = (tuning.FREE_REACH[kind] for kind in (True, False))
-    low, high = robot.travel((-turning, turning), (-sliding, sliding))
+    limits = robot.limits("velocity", np.where(robot.turning, *tuning.FREE_SPEED))
+    speed, rng = np.maximum(tuning.EXCITING_SPEED * limits, least), np.random.default_rng(0)
+    low, high = robot.travel(*tuning.FREE_TRAVEL)
     q = rng.uniform(low, high, (tuning.RANDOM_STATES, robot.n))
     qd = rng.uniform(-2.0, 2.0, q.shape) * speed
     return q, qd, rng.uniform(-4.0, 4.0, q.shape) * speed

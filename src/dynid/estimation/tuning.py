@@ -130,11 +130,11 @@ RESIDUAL_EVIDENCE = 4.0
 #: States of an exciting motion: torques are judged on them, and columns made orthogonal to the parameters.
 #: evidence: none yet.
 RANDOM_STATES = 1500
-#: Rms speed of an exciting motion, as a share of the velocity limits, and of a joint without such a limit: turning
+#: Rms speed of an exciting motion, as a share of the velocity limits, and the limit of a joint without one: turning
 #: [rad/s], sliding [m/s]. evidence: none yet.
-EXCITING_SPEED, FREE_SPEED = 0.2, {True: 0.5, False: 0.1}
-#: Reach of a joint without position limits: turning [rad], sliding [m]. evidence: none yet.
-FREE_REACH = {True: np.pi, False: 0.3}
+EXCITING_SPEED, FREE_SPEED = 0.2, (2.5, 0.5)
+#: Positions of a joint without limits: turning [rad], sliding [m]. evidence: none yet.
+FREE_TRAVEL = (-np.pi, np.pi), (-0.3, 0.3)
 
 # ---------------------------------------------------------------- joints whose torques contradict those of the others
 #: Sizes of what a joint's own parameters may differ by, that are tried: lambda, in variances of the prior.
