@@ -234,7 +234,7 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
         ~np.isclose(theta, prior, rtol=tuning.PRIOR_UNCHANGED, atol=1e-12)[known]
         for theta in (physical, plain)
     )
-    if known.any() and not moved.any() and moved_plain.any():
+    if moved_plain.any() and not moved.any():
         count = int(known.sum())
         raise NothingChanged(
             f"nothing changed: the physical parameters equal the prior in {count} of {count}"

@@ -228,17 +228,14 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
         stack: the stacked logs; a rank that is short does no harm.
     """
     fit, rows = stack.first_fit, stack.rows
-    # Why a basis: directions that the log leaves open would have no covariance.
-    basis = fit.solution.root
     later = -slopes(rows, rows.torque(fit.theta))
-    of_delay, of_arm, right = np.split(rows.factors(None, later[:, :, None]), [1, -1], axis=2)
-    extended = weighted(np.concatenate([of_arm @ basis, of_delay, right], axis=2), rows.counts)
-    *arm, delay = extended.theta
-    left = replace(rows, tau=rows.tau - delay * later).residual(basis @ arm) / extended.noise**2
-    scores = np.vstack([basis.T @ rows.scores(left).T, np.sum(later * left, axis=1)]).T
-    variance = widened(rows, extended, coloured(rows, scores, extended.covariance))[-1, -1]
-    pull = np.einsum("mjp,mj->jp", rows.W, left) @ basis, np.sum(later * left, axis=0)
-    apart = np.column_stack(pull) @ extended.covariance[:, -1]
+    extended = weighted(rows.factors(None, later[:, :, None]), rows.counts)
+    delay, *arm = extended.theta
+    left = replace(rows, tau=rows.tau - delay * later).residual(np.array(arm)) / extended.noise**2
+    scores = np.column_stack([np.sum(later * left, axis=1), rows.scores(left)])
+    variance = widened(rows, extended, coloured(rows, scores, extended.covariance))[0, 0]
+    pull = np.sum(later * left, axis=0), np.einsum("mjp,mj->jp", rows.W, left)
+    apart = np.column_stack(pull) @ extended.covariance[0]
     return float(delay), float(np.sqrt(variance + apart @ apart))
 
 
