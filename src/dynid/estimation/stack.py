@@ -271,7 +271,7 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
         )
         left, std_error = estimate_delay(stack)
         delay = applied + left
-        if abs(delay - applied) < tuning.DELAY_SETTLED_S:
+        if abs(left) < tuning.DELAY_SETTLED_S:
             break
     size = f"torques {1e3 * delay:+.1f} +- {1e3 * std_error:.1f} ms after the positions"
     done = f"corrected by {1e3 * applied:.1f} ms" if applied else "left as it is"
