@@ -19,7 +19,7 @@ from dynid.errors import (
 )
 from dynid.estimation import tuning
 from dynid.estimation.estimators import choose, fitted
-from dynid.estimation.identified import SAME_MOTION, JointQuality
+from dynid.estimation.identified import SAME_MOTION, JointQuality, torque_units
 from dynid.estimation.least_squares import (
     NOT_DETERMINED,
     Fit,
@@ -374,7 +374,7 @@ def physics_findings(
             "motion, or a wrong sign or offset of a joint under `driver:` in the robot file"
         )
         yield Finding("W405", level, text, {"share": share})
-    yield from _unexplained(base, plain, joint_rms(stack.factors, stack.counts, alone), error)
+    yield from unexplained(base, plain, joint_rms(stack.factors, stack.counts, alone), error)
     if many_open:
         consequence = (
             "their values come mostly from the prior"
@@ -388,7 +388,7 @@ def physics_findings(
         yield Finding("W406", "warning", text, {"share": count / len(knowledge)})
 
 
-def _unexplained(
+def unexplained(
     base: BaseModel, plain: Fit, rms: Floats, error: ModelError | None
 ) -> Iterator[Finding]:
     """Say which joints have torques that no possible parameters make, whose residual is rms, (n,) [N m or N]."""
@@ -401,9 +401,11 @@ def _unexplained(
             "counterbalance?): the residual model predicts it, the parameters do not; dynid gap may name it",
         )
     elif contradicts(rms[worst], plain.rms[worst]) and (error is None or not error.apart.any()):
+        unit, size = torque_units(base.robot)[worst], base.robot.shown_gains[worst]
+        left, least = rms[worst] / size, plain.rms[worst] / size
         texts[worst] = (
-            f"physically consistent parameters fit {{}} worse than least squares: torque error {rms[worst]:.3g} "
-            f"instead of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), units, signs, payload"
+            f"physically consistent parameters fit {{}} worse than least squares: torque error {left:.3g} "
+            f"instead of {least:.3g} {unit}; look for a missing effect (dynid gap), units, signs, payload"
         )
     for j, text in texts.items():
         joint = base.robot.joint_names[j]

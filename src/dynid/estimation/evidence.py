@@ -10,7 +10,7 @@ from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
-from dynid.estimation.identified import SAME_MOTION, Identified
+from dynid.estimation.identified import SAME_MOTION, Identified, torque_units
 from dynid.estimation.least_squares import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED, relative_error
 from dynid.files import typed
 from dynid.files.artifact import read_header, reading
@@ -88,14 +88,14 @@ def evidence_of(result: Identified) -> Evidence:
 def joint_evidence(result: Identified) -> tuple[JointEvidence, ...]:
     """Return what is known of each joint on the training logs, in the units that its torques are shown in."""
     joints, noise = [], result.header.get("noise_floor_nm") or ()
-    for quality, joint, size, floor in zip_longest(
-        result.joints, result.robot.joints, result.robot.shown_gains, noise[: result.robot.n]
-    ):
+    robot = result.robot
+    given = robot.joints, torque_units(robot), robot.shown_gains, noise[: robot.n]
+    for quality, joint, unit, size, floor in zip_longest(result.joints, *given):
         limit = joint.limits.torque
         joints.append(
             JointEvidence(
                 joint=quality.joint,
-                unit="A" if result.robot.torque.relative else joint.torque_unit,
+                unit=unit,
                 torque=quality.torque_rms / size,
                 fitted=quality.rms / size,
                 noise=None if floor is None else floor / size,

@@ -37,6 +37,11 @@ SAME_MOTION = "the same motion"
 USED = {"physical": "the physically consistent parameters", "plain": "least squares"}
 
 
+def torque_units(robot: Robot) -> list[str]:
+    """Return the unit in which torques of each joint are shown: A where nothing tells the size of the gains."""
+    return ["A" if robot.torque.relative else joint.torque_unit for joint in robot.joints]
+
+
 def body_facts(numbers: Floats) -> dict[str, Any]:
     """Return what belongs to the ten ``Body.numbers``, (10, ...), by name for JSON."""
     mass, *others = numbers.tolist()

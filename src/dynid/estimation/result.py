@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from dynid.answer import Answer, Judged, judged, picked
 from dynid.disk import write_text
 from dynid.estimation.draws import Draws, draws
-from dynid.estimation.evidence import evidence_of, joint_evidence
-from dynid.estimation.identified import USED, Identified
+from dynid.estimation.evidence import evidence_of
+from dynid.estimation.identified import USED, Identified, torque_units
 from dynid.estimation.least_squares import counted
 from dynid.files import typed
 from dynid.files.artifact import packed, read_artifact, reading, unpacked
@@ -146,8 +146,8 @@ class Identification(Identified, Judged):
         }
         return Table(
             [
-                {head: row[key] for head, key in columns.items()} | {"unit": known.unit}
-                for row, known in zip(joints, joint_evidence(self), strict=True)
+                {head: row[key] for head, key in columns.items()} | {"unit": each}
+                for row, each in zip(joints, torque_units(self.robot), strict=True)
             ]
         )
 

@@ -175,7 +175,8 @@ def slow_log(seed, instants=120, columns=24, cutoff=5.0, rate=20.0):
     rows = replace(Rows.of(W, W @ theta + 0.1 * noise[:, None], t), cutoff=cutoff)
     fit = plain(rows)
     known = hac_covariance(rows, fit.theta, fit.noise)
-    return covers(fit.theta, theta, widened(rows, fit, known)), known, widened(rows, fit, known)
+    wide = widened(rows, fit, known)
+    return covers(fit.theta, theta, wide), known, wide
 
 
 def test_intervals_of_a_short_log_cover_what_they_say():

@@ -141,13 +141,9 @@ def test_spikes_are_not_taken_for_friction(base):
     log = simulated(base, noise=0.05)
     rng = np.random.default_rng(2)
     hit = rng.random(log.tau.shape) < 0.01
-    spiky = stacked(
-        base,
-        replace(log, tau=log.tau + hit * rng.choice([-30.0, 30.0], log.tau.shape)),
-        cutoff=15.0,
-    )
-    estimate = estimated(spiky, "irls")
-    assert posterior(spiky, estimate).error is None
+    tau = log.tau + hit * rng.choice([-30.0, 30.0], log.tau.shape)
+    spiky = stacked(base, replace(log, tau=tau), cutoff=15.0)
+    assert posterior(spiky, estimated(spiky, "irls")).error is None
 
 
 # ---------------------------------------------------------------- parts of recordings that disagree
