@@ -81,7 +81,7 @@ def last_motion(stack: Stack, share: float) -> HoldOut | None:
     last = [k for k, number in enumerate(numbers) if number == max(numbers)]
     held = np.isin(stack.rows.log, last)
     # Why the size: a motion that is most of the rows has to be fitted.
-    if max(numbers, default=0) == 0 or stack.rows.use[held].sum() > 0.5 * stack.counts.sum():
+    if max(numbers) == 0 or stack.rows.use[held].sum() > 0.5 * stack.counts.sum():
         return last_share(stack, share)
     return _split(stack, held, f"another motion: {', '.join(stack.logs[k].name for k in last)}")
 

@@ -22,7 +22,7 @@ from dynid.estimation import tuning
 from dynid.estimation.factor import Factor, of_unit_diagonal, triangle
 from dynid.estimation.identified import body_facts
 from dynid.estimation.least_squares import solvable, symmetric_root
-from dynid.estimation.possible_arm import fit_pooled
+from dynid.estimation.possible_arm import fit_pooled, inverse
 from dynid.estimation.possible_set import make_constraints
 from dynid.estimation.posterior import information_of
 from dynid.estimation.residual_model import SIZE, ModelError, centred
@@ -31,7 +31,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS, body_columns, body_of, numbered
 from dynid.robot import Body
 
-#: Information of a joint, relative to the largest, that makes parameters which no row tells move with all joints alike.
+#: Information that each joint has at least, relative to that of all.
 UNTOLD = 1e-9
 #: Standard errors to either side of a 95 % interval, and which of the ten numbers are never negative.
 WIDTH, POSITIVE = 1.96, np.isin(np.arange(10), (0, 4, 7, 9))
@@ -203,10 +203,10 @@ class LoadProblem:
             W, size = F[:, k:-1], k + len(theta) if apart else k
             rows = Factor({"beside": F[:, :size], "arm": W, "change": W}, F[:, -1])
             if residual is not None:
-                inverse = np.asarray(np.linalg.inv(residual.root[j, :size, :size]))
-                slope = inverse @ residual.slope[j, :size]
-                right = inverse @ residual.mean[j, :size] - slope @ theta
-                rows += Factor({"beside": inverse, "arm": -slope}, right)
+                root = np.asarray(np.linalg.inv(residual.root[j, :size, :size]))
+                slope = root @ residual.slope[j, :size]
+                right = root @ residual.mean[j, :size] - slope @ theta
+                rows += Factor({"beside": root, "arm": -slope}, right)
             found.append(rows.without("beside")[0])
         return found
 
@@ -220,20 +220,18 @@ class LoadProblem:
         n, whiten = len(self.factors), information_of(self.unloaded)[1]
         W = self.unloaded.factors[:, :, :-1] / whiten[:, None, None]
         information = W.swapaxes(1, 2) @ W
-        unit = of_unit_diagonal(information.sum(axis=0))[1]
-        share = unit[:, None] * information * unit + UNTOLD * np.eye(len(unit))
-        told = (share @ (self.unloaded.theta / unit)).T
-        moved = unit[:, None] * np.linalg.solve(share.sum(axis=0), told)
+        # Why of each joint: parameters that no row tells move with all joints alike.
+        information += UNTOLD * np.diag(of_unit_diagonal(information.sum(axis=0))[1] ** -2)
+        moved = inverse(information.sum(axis=0)) @ (information @ self.unloaded.theta).T
         return np.einsum("p,jk->jpk", self.torque, np.eye(n)) - moved
 
     def _friction_change(self) -> Floats:
         """Return by how much friction may have changed: each column by all the friction of its joint, (f,)."""
         W = self.factors[:, :, -len(self.torque) - 1 : -1][:, :, self.friction]
-        rows = max(1.0, float(np.max(np.sum(self.factors[:, :, -1] ** 2, axis=1))))
         size = np.linalg.norm(W, axis=1)
         torque = np.linalg.norm(W @ self.unloaded.theta[self.friction], axis=1)
         torque = torque[np.argmax(size, axis=0)]
-        least = tuning.FRICTION_CHANGE_LEAST * np.sqrt(rows)
+        least = tuning.FRICTION_CHANGE_LEAST * np.linalg.norm(self.factors[:, :, -1], axis=1).max()
         largest = size.max(axis=0)
         return np.maximum(torque, least) / np.where(largest > 0.0, largest, 1.0)
 
