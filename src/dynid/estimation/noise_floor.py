@@ -90,11 +90,13 @@ def difference(one: Part, other: Part, lag: float) -> tuple[Floats, Mask]:
         other: the second one.
         lag: by how many rows the motion comes later in it.
     """
+    from scipy.ndimage import shift  # here: its import takes as long as many logs
+
     (q, left, use), (_, other_left, other_use) = one, other
     whole = int(lag // 1)
     here = slice(max(0, -whole), min(len(left), len(other_left) - whole))
     there = slice(here.start + whole, here.stop + whole)
-    e = (left[here] - shifted(other_left, lag - whole)[there]) / np.sqrt(2.0)
+    e = (left[here] - shift(other_left, (whole - lag, 0), order=5)[there]) / np.sqrt(2.0)
     both = use[here] & other_use[there]
     both[:8] = both[-8:] = False
     v, line = np.gradient(q[here], axis=0), np.arange(len(e))
@@ -128,15 +130,6 @@ def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> floa
     left, middle, right = apart[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
     return float(lags[best] + (0.5 * (left - right) / bend if bend > 0.0 else 0.0))
-
-
-def shifted(x: Floats, rows: float) -> Floats:
-    """Return x(k + rows) of a signal without what is faster than half its rate, (M, n)."""
-    k = np.arange(-8, 9)
-    kernel = np.sinc(k - rows) * np.kaiser(17, 5.0)
-    return np.stack(
-        [np.convolve(column, (kernel / kernel.sum())[::-1], "same") for column in x.T], axis=1
-    )
 
 
 def _rms(parts: Iterable[tuple[Floats, Mask]]) -> Floats:
