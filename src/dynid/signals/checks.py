@@ -43,7 +43,6 @@ from dynid.signals.motion import (
     moving,
     per_joint,
     rest_slices,
-    runs,
     speed,
 )
 from dynid.signals.stamps import (
@@ -331,10 +330,11 @@ def _flat_top(x: Floats, alive: Mask) -> Mask:
         x: torques of a joint, (N,).
         alive: at which samples the arm moves, (N,).
     """
-    top, flat = x.max(), np.zeros(len(x), dtype=bool)
+    from scipy.ndimage import binary_opening  # here: its import takes longer than most logs
+
+    top = x.max()
     least = top - 1e-9 * abs(top)
-    for run in runs((x >= least) & alive & (top > 0), tuning.FLAT_RUN):
-        flat[run] = True
+    flat = binary_opening((x >= least) & alive & (top > 0), np.ones(tuning.FLAT_RUN))
     below = x[x < least]
     near = np.sum(below > top - 0.01 * np.ptp(x))
     second = np.sum(below == below.max(initial=-np.inf))

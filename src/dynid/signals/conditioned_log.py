@@ -40,7 +40,7 @@ from dynid.signals.filters import (
     under,
     velocity_kernel,
 )
-from dynid.signals.motion import runs, speed
+from dynid.signals.motion import speed
 
 
 @dataclass(frozen=True)
@@ -171,14 +171,14 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
             [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S``, or than a share of it
             for that share of the time, are not usable.
     """
+    from scipy.ndimage import binary_opening  # here: its import takes longer than most logs
+
     # Why not qd: positions pass far more than torques do, and what the encoder scatters seems to move.
     speeds = np.abs(speed(Log(segment.t, segment.q, segment.tau)))
-    usable, step = segment.usable.copy(), segment.t[1] - segment.t[0]
+    usable, step = segment.usable, segment.t[1] - segment.t[0]
     for share in tuning.REST_SHARES:
         least = max(1, round(share * tuning.FRICTION_REST_S / step))
-        for j, slow in enumerate((speeds < share * rest_speed).T):
-            for rest in runs(slow, least):
-                usable[rest, j] = False
+        usable = usable & ~binary_opening(speeds < share * rest_speed, np.ones((least, 1)))
     return replace(segment, usable=usable)
 
 
