@@ -7,6 +7,7 @@ the columns of the robot file's effects are evaluated: they depend on the order 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -187,7 +188,7 @@ def signs_of_shapes(
     chosen: Filter,
     sharp: Coulomb,
     shapes: Sequence[Coulomb],
-    most: int | None = None,
+    most: int = sys.maxsize,
     then: Callable[[Floats], Floats] = np.asarray,
 ) -> list[Floats]:
     """Return the Coulomb signs of several shapes under the filter of the torques, (N, n, shapes) for each segment.
@@ -197,11 +198,11 @@ def signs_of_shapes(
         chosen: the filters.
         sharp: shape whose width is large against the noise of the velocity whose sign is taken.
         shapes: of the sign.
-        most: samples of the beginning of each segment that are wanted; None for all.
+        most: samples of the beginning of each segment that are wanted.
         then: what is wanted of each sign, (1, N) -> (1, M).
     """
     kernels, step, found = chosen.first_kernels[:1], chosen.first_step, []
-    count = None if most is None else (most - 1) * step + kernels.shape[1]
+    count = (most - 1) * step + kernels.shape[1]
     for part in _parts(log, chosen):
         x = part.qd if chosen.measured_velocity and part.qd is not None else part.q
         measured = x is part.qd
@@ -209,7 +210,7 @@ def signs_of_shapes(
         signs = []
         for j, cutoff in enumerate(cutoffs):
             kernel = velocity_kernel(cutoff, chosen.rate, measured=measured)
-            v = under(kernel, x[: None if count is None else count + len(kernel), j])[:count]
+            v = under(kernel, x[: count + len(kernel), j])[:count]
             # Why one by one: the signs of all shapes take many times the memory of the log.
             each = (coulomb_sign(v, shape, j, 1.0 / chosen.rate) for shape in shapes)
             signs.append([then(decimate(sign[None], kernels, step)[0])[0] for sign in each])
