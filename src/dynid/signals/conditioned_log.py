@@ -107,10 +107,10 @@ def condition(log: Log, chosen: Filter) -> list[Segment]:
         q, qd, qdd = filtered(part.q, kernels)
         if chosen.measured_velocity and part.qd is not None:
             qd, qdd = filtered(part.qd, kernels[:2])
-        clipped, command = part.extra.get("clipped", np.zeros(0)), part.extra.get("q_ref")
-        usable = np.ones(q.shape, dtype=bool)
-        if clipped.any():
-            usable = filtered(clipped, np.ones_like(kernels[:1]))[0] < 0.5
+        clipped, command = (
+            part.extra.get("clipped", np.zeros(part.q.shape)),
+            part.extra.get("q_ref"),
+        )
         centres, none = half + step * np.arange(len(q)), np.empty((len(q), 0))
         raw_qd = 0.5 * chosen.rate * (part.q[centres + 1] - part.q[centres - 1])
         found.append(
@@ -120,7 +120,7 @@ def condition(log: Log, chosen: Filter) -> list[Segment]:
                 qd=qd,
                 qdd=qdd,
                 tau=filtered(part.tau, kernels[:1])[0],
-                usable=usable,
+                usable=filtered(clipped, np.ones_like(kernels[:1]))[0] < 0.5,
                 raw_q=part.q[centres],
                 raw_qd=raw_qd if part.qd is None else part.qd[centres],
                 command_q=none if command is None else filtered(command, kernels[:1])[0],
