@@ -45,11 +45,9 @@ def test_the_volume_and_the_squares_that_are_left_are_the_normal_density(problem
 def test_what_is_left_and_what_was_taken_are_the_joint_solution(problem):
     X, sd, y = problem
     left, taken = known(X, sd, y).without("columns", "load")
-    A, scale = (
-        np.column_stack([X["columns"], X["load"], X["arm"]]),
-        [sd["columns"], sd["load"], sd["arm"]],
-    )
-    H = A.T @ A + np.diag(1 / np.concatenate(scale) ** 2)
+    blocks = "columns", "load", "arm"
+    A, scale = (np.concatenate([x[name] for name in blocks], axis=-1) for x in (X, sd))
+    H = A.T @ A + np.diag(1 / scale**2)
     whole, covariance = np.linalg.solve(H, A.T @ y), np.linalg.inv(H)
     R = triangle(left.rows)
     theta = np.linalg.solve(R[:4, :4], R[:4, -1])

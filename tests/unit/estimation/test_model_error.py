@@ -168,8 +168,8 @@ def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_count
     assert asked(stack, fit, fit) == 0.5
 
 
-def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
-    """Return parts whose levels of friction differ, known to an error: within recordings, and between these."""
+def wandering(base, theta, within, between, seed, logs=3):
+    """Return parts whose levels of friction differ, known to 0.2 %: within recordings, and between these."""
     rng, p, n = np.random.default_rng(seed), len(theta), base.robot.n
     every = []
     for _ in range(logs):
@@ -178,9 +178,9 @@ def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
             grams = np.zeros((n, p + 1, p + 1))
             for j in range(n):
                 k = base.names.index(f"fc{j + 1}")
-                told = 1.0 / (error * theta[k]) ** 2
+                told = 1.0 / (0.002 * theta[k]) ** 2
                 grams[j, k, k] = told
-                asked_for = theta[k] * (level[j] + within * rng.normal() + error * rng.normal())
+                asked_for = theta[k] * (level[j] + within * rng.normal() + 0.002 * rng.normal())
                 grams[j, k, -1] = grams[j, -1, k] = told * asked_for
             every.append(grams)
     return Parts(np.repeat(np.arange(logs), tuning.PARTS_OF_LOG), np.array(every))
@@ -203,7 +203,7 @@ def added(base, theta, parts):
 
 def test_what_differs_between_recordings_is_the_error_of_their_mean(base, friction):
     found = [
-        added(base, friction, wandering(base, friction, 0.02, 0.16, seed=seed)) for seed in range(8)
+        added(base, friction, wandering(base, friction, 0.02, 0.16, seed)) for seed in range(8)
     ]
     assert np.median(found) == pytest.approx(0.16 / np.sqrt(3.0), rel=0.3)
 
@@ -213,7 +213,7 @@ def test_one_recording_that_wanders_tells_that_others_differ_and_a_steady_one_th
 ):
     moving, steady = (
         [
-            added(base, friction, wandering(base, friction, within, 0.0, logs=1, seed=seed))
+            added(base, friction, wandering(base, friction, within, 0.0, seed, logs=1))
             for seed in range(8)
         ]
         for within in (0.02, 0.0)

@@ -5,7 +5,8 @@ import re
 
 import numpy as np
 
-from dynid import report
+import twolink
+from dynid import identify, report
 from dynid.loading import load_run
 from dynid.reports.gathered import gather
 from dynid.workflows.identify import save_result
@@ -34,13 +35,14 @@ def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
     ]
 
 
-def test_it_is_the_report_of_the_saved_result(result, tmp_path):
-    """Motion and torque from memory and from estimatedmotion.npz are the same arrays."""
+def test_it_is_the_report_of_the_saved_result(arm, tmp_path):
+    """Motion and torque from memory and from estimatedmotion.npz are the same arrays, with a residual model too."""
+    result = identify(arm, [twolink.log(1)], residual_model=True)
     save_result(tmp_path, result)
     stored = load_run(tmp_path)
     memory, disk = gather(result), gather(stored)
-    for name in ("t", "q_measured", "qd_estimated", "tau_measured", "tau_estimated", "usable"):
-        np.testing.assert_array_equal(getattr(memory.motion, name), getattr(disk.motion, name))
+    for name, values in vars(memory.motion).items():
+        np.testing.assert_array_equal(values, getattr(disk.motion, name))
     assert report(stored).judgement.sentences == report(result).judgement.sentences
 
 
