@@ -245,15 +245,14 @@ def validate(
     check_weight(checked, base.robot)
     (replayed,) = scaled(condition_logs([checked], base.model, options), base, result.theta)
     stage("replay")
-    observer = base.observer
-    rows = rows_of(replayed, observer)
+    rows = rows_of(replayed, base.observer)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(Stack(base, (replayed,), rows), result.theta, error)
     if not motion.usable.any():
         raise LogTooShort(f"{where} has no sample in motion: there is nothing to predict")
     columns = rows.W
     if error is not None:
-        columns = error.columns(rows.W, shapes_in(replayed, observer, error.speed))
+        columns = error.columns(rows.W, shapes_in(replayed, base.observer, error.speed))
     simpler, baseline = rows.torque(np.nan_to_num(result.prior)), "the prior of the robot file"
     if base.robot.prior is None or base.robot.torque.relative:
         measured, baseline = motion.tau_measured, "a constant torque"
