@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -91,8 +92,9 @@ class DynidError(Exception):
         self.what, self.where = what, str(where)
         self.why, self.fix = why or type(self).why, fix or type(self).fix
         super().__init__(what)
-        # Why: a notebook shows a traceback, whose last lines these are.
-        self.add_note(f"fix: {self.fix}")
+        # Why: a notebook shows a traceback, whose last lines these are; from Python 3.11 on.
+        if sys.version_info >= (3, 11):
+            self.add_note(f"fix: {self.fix}")
 
 
 @contextmanager
