@@ -23,7 +23,7 @@ import numpy as np
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import BagTruncated, DynidError, Finding, LogNotFound
 from dynid.files import tuning
-from dynid.files.messages import NANOSECONDS, Broken, Collector, Messages, Topic, taken, whole
+from dynid.files.messages import Broken, Collector, Messages, Topic, whole
 from dynid.log import Log
 from dynid.npz import bounded
 from dynid.text import shell
@@ -36,8 +36,8 @@ ROS2 = (".db3", ".mcap")
 #: First line of a bag of version 2.0.
 MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"
-#: What stands before a time in a header, and the bytes of both.
-_TIME, _TIMED = b"\r\0\0\0time=", 17
+#: What stands before a time in a header.
+_TIME = b"\r\0\0\0time="
 _SIZE = struct.Struct("<I").unpack_from
 #: Fields of a header by name; b"" for those that are not there.
 Fields = defaultdict[bytes, bytes]
@@ -128,9 +128,7 @@ def _ros2(part: Path, counts: Counter[Topic]) -> Iterator[Messages]:
             messages = reader.messages([each])
             while some := list(islice(messages, tuning.MESSAGES)):
                 _, arrival, raws = zip(*some, strict=True)
-                edges = np.cumsum([0, *map(len, raws)])
-                content = np.frombuffer(b"".join(raws), np.uint8)
-                yield Messages(topic, np.array(arrival), content, edges[:-1], edges[1:])
+                yield Messages(topic, arrival, raws)
 
 
 @contextmanager
@@ -169,7 +167,7 @@ def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[Messages]:
             continue
         try:
             for some in _messages(_unpacked(fields, data, path), known):
-                counts[some.topic] += len(some.starts)
+                counts[some.topic] += len(some.raws)
                 if some.topic.type == JOINT_STATE:
                     yield some
         except Broken as error:
@@ -208,30 +206,25 @@ def _records(path: Path) -> Iterator[tuple[bytes, Fields, bytes]]:
 
 def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
     """Yield the messages of a chunk, whose topics become known; ``Broken`` behind them where one is damaged."""
-    at, places_of = 0, defaultdict[bytes, list[int]](list)
+    at, found = 0, defaultdict[bytes, list[tuple[int, bytes]]](list)
     with suppress(struct.error):
         while at < len(chunk):
             body = at + 8 + _SIZE(chunk, at)[0]
             end = body + _SIZE(chunk, body - 4)[0]
             if end > len(chunk):
                 break
-            head = chunk[at + 4 : body - 4]
-            time = head.find(_TIME)
             # Why: headers of the messages of a topic differ in the time alone.
-            places_of[head[:time] + head[time + _TIMED :]] += at, body, end
+            before, _, behind = chunk[at + 4 : body - 4].partition(_TIME)
+            arrival = whole(behind[:4]) * 10**9 + whole(behind[4:8])
+            found[before + behind[8:]].append((arrival, chunk[body:end]))
             at = end
-    content = np.frombuffer(chunk, np.uint8)
-    for places in places_of.values():
-        starts, bodies, ends = np.reshape(places, (-1, 3)).T
-        head = chunk[starts[0] + 4 : bodies[0] - 4]
-        fields = _fields(head)
+    for header, messages in found.items():
+        fields, (arrivals, raws) = _fields(header), zip(*messages, strict=True)
         number = fields[b"conn"]
         if fields[b"op"] == _CONNECTION:
-            _remembered(fields, chunk[bodies[0] : ends[0]], known)
+            _remembered(fields, raws[0], known)
         elif fields[b"op"] == _MESSAGE and number in known:
-            times = starts + 4 + head.find(_TIME) + len(_TIME)
-            arrival = taken(content, times, 2, "<u4") @ NANOSECONDS
-            yield Messages(known[number], arrival, content, bodies, ends)
+            yield Messages(known[number], arrivals, raws)
     if at < len(chunk):
         raise Broken("it ends in the middle of a record")
 

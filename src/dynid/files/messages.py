@@ -1,17 +1,17 @@
 """Raw ``sensor_msgs/JointState`` -> logs; messages that differ only in their numbers are decoded together.
 
-``bags`` says where messages stand in its bytes; ``Collector`` keeps their numbers, grouped by
-the joint names they carry (an arm and its gripper often share a topic). The definition that a recording carries is
+``bags`` takes messages out of a recording; ``Collector`` keeps their numbers, grouped by the joint names they carry
+(an arm and its gripper often share a topic). The definition that a recording carries is
 never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR, version 1).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dynid.errors import WrongMessageType
@@ -60,22 +60,13 @@ class Messages(NamedTuple):
 
     Attributes:
         topic: their topic.
-        arrival: times of arrival, (N,) [ns].
-        content: bytes in which they stand.
-        starts: where each begins in them, (N,).
-        ends: where each ends, (N,).
+        arrival: when each arrived [ns].
+        raws: the bytes of each.
     """
 
     topic: Topic
-    arrival: Times
-    content: Bytes
-    starts: Times
-    ends: Times
-
-
-def taken(content: Bytes, starts: Times, count: int, kind: str = "u1") -> NDArray[Any]:
-    """Return so many numbers of a type, as NumPy writes it, from each place on, (N, count)."""
-    return sliding_window_view(content, count * np.dtype(kind).itemsize)[starts].view(kind)
+    arrival: Sequence[int]
+    raws: Sequence[bytes]
 
 
 def whole(raw: bytes) -> int:
@@ -99,42 +90,48 @@ class Collector:
 
     def add(self, some: Messages) -> None:
         """Take messages, those of one length and layout in one go."""
-        lengths = some.ends - some.starts
+        every, lengths = np.array(some.arrival), np.array([*map(len, some.raws)])
         for length in np.unique(lengths).tolist():
-            rest = np.flatnonzero(lengths == length)
-            table = taken(some.content, some.starts[rest], length)
-            while len(rest):
+            places = np.flatnonzero(lengths == length)
+            content = b"".join(some.raws[k] for k in places)
+            table = np.frombuffer(content, np.uint8).reshape(len(places), length)
+            arrival = every[places]
+            while len(table):
                 try:
                     layout = _Layout(table[0].tobytes(), self._topic)
                     alike = np.all(table[:, layout.equal] == table[0, layout.equal], axis=1)
-                    which = rest[alike]
-                    self._keep(layout, some.arrival[which], some.content, some.starts[which])
+                    self._keep(layout, arrival[alike], table[alike])
                 except Broken as error:
                     self.reason = str(error)
                     alike = np.all(table == table[0], axis=1)
-                rest, table = rest[~alike], table[~alike]
+                arrival, table = arrival[~alike], table[~alike]
 
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""
         logs = (_log(*group, self._topic.name) for group in self._groups.values())
         return sorted(logs, key=len, reverse=True)
 
-    def _keep(self, layout: _Layout, arrival: Times, content: Bytes, starts: Times) -> None:
+    def _keep(self, layout: _Layout, arrival: Times, table: Bytes) -> None:
         names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
         first, blocks, filled = self._groups.setdefault(
             frozenset(names) or width, (names, [], set())
         )
         order = [names.index(name) for name in first] or slice(None)
         # Unit: bytes 4-11 are the stamp, in ROS 1 behind a sequence number, in CDR behind the encapsulation.
-        stamp = taken(content, starts + 4, 2, "<u4") @ NANOSECONDS
-        block = {"arrival": arrival, "stamp": stamp}
+        block = {"arrival": arrival, "stamp": _taken(table, 4, 2, "<u4") @ NANOSECONDS}
         for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
             # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
-            block[key] = np.full((len(starts), width), np.nan)
+            block[key] = np.full((len(table), width), np.nan)
             filled.update({key} if count else ())
             if count == width:
-                block[key] = taken(content, starts + place, count, "<f8")[:, order]
+                block[key] = _taken(table, place, count, "<f8")[:, order]
         blocks.append(block)
+
+
+def _taken(table: Bytes, place: int, count: int, kind: str) -> NDArray[Any]:
+    """Return so many numbers of a type, as NumPy writes it, from a place in each message, (N, count)."""
+    part = table[:, place : place + count * np.dtype(kind).itemsize]
+    return np.ascontiguousarray(part).view(kind)
 
 
 class _Layout:
