@@ -71,8 +71,8 @@ def read_bag(path: Path) -> Recording:
     reasons = []
     for part in parts_of(path):
         try:
-            for some in (_ros2 if part.suffix in ROS2 else _ros1)(part, counts):
-                collectors.setdefault(some.topic.name, Collector(some.topic)).add(some)
+            for topic, messages in (_ros2 if part.suffix in ROS2 else _ros1)(part, counts):
+                collectors.setdefault(topic.name, Collector(topic)).add(messages)
         except Broken as error:
             reasons.append(f"{part.name}: {error}" if part != path else str(error))
     topics = {topic.name: replace(topic, count=count) for topic, count in counts.items()}
@@ -115,7 +115,7 @@ def parts_of(path: Path) -> list[Path]:
 
 
 # ---------------------------------------------------------------- ROS 2
-def _ros2(part: Path, counts: Counter[Topic]) -> Iterator[Messages]:
+def _ros2(part: Path, counts: Counter[Topic]) -> Iterator[tuple[Topic, Messages]]:
     """Yield the joint states of a file, and count all messages; ``Broken`` behind those that are readable."""
     with _opened(part) as reader:
         if not reader.connections:
@@ -125,10 +125,9 @@ def _ros2(part: Path, counts: Counter[Topic]) -> Iterator[Messages]:
             counts[topic] += each.msgcount
             if topic.type != JOINT_STATE:
                 continue
-            messages = reader.messages([each])
+            messages = ((arrival, raw) for _, arrival, raw in reader.messages([each]))
             while some := list(islice(messages, tuning.MESSAGES)):
-                _, arrival, raws = zip(*some, strict=True)
-                yield Messages(topic, arrival, raws)
+                yield topic, some
 
 
 @contextmanager
@@ -156,7 +155,7 @@ def _opened(part: Path) -> Iterator[Reader]:
 
 
 # ---------------------------------------------------------------- ROS 1
-def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[Messages]:
+def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[tuple[Topic, Messages]]:
     """Yield the joint states of a bag, and count all messages; ``Broken`` behind those that are readable."""
     known: dict[bytes, Topic] = {}
     damage = None
@@ -166,10 +165,10 @@ def _ros1(path: Path, counts: Counter[Topic]) -> Iterator[Messages]:
         if op != _CHUNK:
             continue
         try:
-            for some in _messages(_unpacked(fields, data, path), known):
-                counts[some.topic] += len(some.raws)
-                if some.topic.type == JOINT_STATE:
-                    yield some
+            for topic, messages in _messages(_unpacked(fields, data, path), known):
+                counts[topic] += len(messages)
+                if topic.type == JOINT_STATE:
+                    yield topic, messages
         except Broken as error:
             damage = damage or error
     if damage:
@@ -204,9 +203,9 @@ def _records(path: Path) -> Iterator[tuple[bytes, Fields, bytes]]:
             raise Broken("it was never closed, or ends before its index: there is no index")
 
 
-def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
+def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[tuple[Topic, Messages]]:
     """Yield the messages of a chunk, whose topics become known; ``Broken`` behind them where one is damaged."""
-    at, found = 0, defaultdict[bytes, list[tuple[int, bytes]]](list)
+    at, found = 0, defaultdict[bytes, Messages](list)
     with suppress(struct.error):
         while at < len(chunk):
             body = at + 8 + _SIZE(chunk, at)[0]
@@ -219,12 +218,12 @@ def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
             found[before + behind[8:]].append((arrival, chunk[body:end]))
             at = end
     for header, messages in found.items():
-        fields, (arrivals, raws) = _fields(header), zip(*messages, strict=True)
+        fields = _fields(header)
         number = fields[b"conn"]
         if fields[b"op"] == _CONNECTION:
-            _remembered(fields, raws[0], known)
+            _remembered(fields, messages[0][1], known)
         elif fields[b"op"] == _MESSAGE and number in known:
-            yield Messages(known[number], arrivals, raws)
+            yield known[number], messages
     if at < len(chunk):
         raise Broken("it ends in the middle of a record")
 

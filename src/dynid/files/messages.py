@@ -7,9 +7,9 @@ never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR, ve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from dynid.log import Log
 
 Bytes = NDArray[np.uint8]
 Times = NDArray[np.int64]
+#: When each message arrived [ns], and its bytes.
+Messages = list[tuple[int, bytes]]
 #: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns]; ``position``,
 #: ``velocity`` and ``effort``, (N, n), NaN where messages have none.
 Columns = dict[str, NDArray[Any]]
@@ -55,20 +57,6 @@ class Topic:
         return f"{self.name} ({self.type.split('/')[-1]}, {self.count})"
 
 
-class Messages(NamedTuple):
-    """Some messages of a topic.
-
-    Attributes:
-        topic: their topic.
-        arrival: when each arrived [ns].
-        raws: the bytes of each.
-    """
-
-    topic: Topic
-    arrival: Sequence[int]
-    raws: Sequence[bytes]
-
-
 def whole(raw: bytes) -> int:
     """Return the whole number that bytes are."""
     return int.from_bytes(raw, "little")
@@ -88,14 +76,15 @@ class Collector:
         # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
         self._groups: dict[Any, tuple[tuple[str, ...], list[Columns], set[str]]] = {}
 
-    def add(self, some: Messages) -> None:
+    def add(self, messages: Messages) -> None:
         """Take messages, those of one length and layout in one go."""
-        every, lengths = np.array(some.arrival), np.array([*map(len, some.raws)])
-        for length in np.unique(lengths).tolist():
-            places = np.flatnonzero(lengths == length)
-            content = b"".join(some.raws[k] for k in places)
-            table = np.frombuffer(content, np.uint8).reshape(len(places), length)
-            arrival = every[places]
+        by_length = defaultdict[int, Messages](list)
+        for arrived, raw in messages:
+            by_length[len(raw)].append((arrived, raw))
+        for length, some in by_length.items():
+            times, raws = zip(*some, strict=True)
+            arrival = np.array(times)
+            table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), length)
             while len(table):
                 try:
                     layout = _Layout(table[0].tobytes(), self._topic)
