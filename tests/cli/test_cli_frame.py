@@ -239,6 +239,7 @@ def test_common_options_stand_at_the_top_of_the_file(dynid):
         toy:\\n  sampels: 1 | 3 | error[E201] dynid.yaml:2: unknown key 'sampels'; did you mean 'samples'?
         seeed: 1 | 3 | error[E201] dynid.yaml:1: unknown key 'seeed'; did you mean 'seed'?
         toy:\\n  samples: many | 2 | where   dynid.yaml:2
+        toy:\\n  samples: [1, 2] | 2 | error[E101] dynid.yaml:2: toy.samples takes one value
     """),
 )
 def test_wrong_keys_and_values_are_named_by_file_and_line(dynid, text, status, message):

@@ -51,7 +51,7 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
             elif names:
                 value, source = os.environ[names[0]], names[0]
             elif key in configured:
-                value, source = words_of(configured[key]), configured[key].where
+                value, source = words_of(option, configured[key]), configured[key].where
             if here or source != "default":
                 row = {"command": "" if here else name, "option": key}
                 yield row | {"value": value, "source": source}

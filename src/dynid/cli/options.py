@@ -28,6 +28,7 @@ from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, CONTEXT, IMPORTED, command_of, shown
 from dynid.cli.runfile import arguments_of, repeated
 from dynid.cli.session import Session
+from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
 from dynid.options import Options, declaration_of, flag_of
 from dynid.text import shell
@@ -183,7 +184,6 @@ def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
 
     Raises:
         UnknownKey: a key is neither a common option, a command, nor an option of this command.
-        WrongUsage: an option that takes one value is given a list.
     """
     keys = keys_of(command)
     values: dict[str, Value] = {}
@@ -209,12 +209,21 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
 def take_defaults(ctx: click.Context, values: dict[str, Value]) -> None:
     """Make values of a file the defaults of a command, before those that it has from other files."""
     merged = ctx.meta["dynid.settings"] = ctx.meta.get("dynid.settings", {}) | values
-    ctx.default_map = {name: words_of(each) for name, each in merged.items()}
+    options = keys_of(ctx.command)
+    ctx.default_map = {name: words_of(options[name], each) for name, each in merged.items()}
 
 
-def words_of(value: Value) -> str | list[str]:
-    """Return a value of a configuration file as on the command line."""
-    return [item.text() for item in value.items()] if value.is_list else value.text()
+def words_of(option: click.Option, value: Value) -> str | tuple[str, ...]:
+    """Return a value of a configuration file as on the command line.
+
+    Raises:
+        WrongUsage: an option that takes one value is given several.
+    """
+    if option.multiple:
+        return value.texts()
+    if value.is_list or value.is_mapping:
+        raise value.wrong(" takes one value", f"give one, as to {option.opts[-1]}", WrongUsage)
+    return value.text()
 
 
 # ---------------------------------------------------------------- commands

@@ -98,7 +98,7 @@ def repeated(ctx: click.Context, args: list[str]) -> list[str]:
         what = f"{path} holds no run of '{command.name}'; it has {', '.join(runs)}"
         raise WrongUsage(what, where=path)
     keys = runs[command.name].mapping(_KEYS, required=("arguments",))
-    stored = [item.text() for item in keys["arguments"].items()]
+    stored = [*keys["arguments"].texts()]
     stored_values = command.make_parser(ctx).parse_args([*stored])[0]
     for param in command.params:
         if getattr(param, "allow_from_autoenv", True) is False and param.name in stored_values:

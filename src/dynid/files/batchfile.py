@@ -43,16 +43,12 @@ class Job:
     tolerance: str = ""
 
 
-def _listed(value: Value) -> tuple[str, ...]:
-    return tuple(item.text() for item in value.items()) if value.is_list else (value.text(),)
-
-
 def _path(value: Value) -> Path:
     return value.file.parent / value.text()
 
 
 def _paths(value: Value) -> tuple[Path, ...]:
-    paths = tuple(value.file.parent / text for text in _listed(value))
+    paths = tuple(value.file.parent / text for text in value.texts())
     if not paths:
         raise value.wrong(" is empty")
     return paths
@@ -73,7 +69,7 @@ _KEYS: Keys = {
     "options": _options,
     "validate": _paths,
     "max_unexplained": TEXT,
-    "fail_if": _listed,
+    "fail_if": Value.texts,
     "baseline": _path,
     "tolerance": TEXT,
 }

@@ -152,6 +152,10 @@ class Value:
             raise self.wrong(" must be a word")
         return str(self.node.value)
 
+    def texts(self) -> tuple[str, ...]:
+        """Return a list of text values, for which a single one may stand."""
+        return tuple(item.text() for item in (self.items() if self.is_list else [self]))
+
     def choice(self, known: Sequence[str]) -> str:
         """Return a text value out of a few."""
         word = self.text()
