@@ -36,18 +36,12 @@ class LazyGroup(click.Group):
         """Return the names of the commands."""
         return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command."""
-        return command_of(cmd_name) if cmd_name in COMMANDS else None
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, or suggest one."""
-        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """Import a command, or suggest one."""
+        if cmd_name not in COMMANDS:
             why = f"the commands are {', '.join(COMMANDS)}"
-            raise no_such("no command", args[0], COMMANDS, why=why, fix="dynid -h")
-        return super().resolve_command(ctx, args)
+            raise no_such("no command", cmd_name, COMMANDS, why=why, fix="dynid -h")
+        return command_of(cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands and the exit statuses."""
