@@ -16,9 +16,9 @@ from dynid.arguments import no_such
 from dynid.cli.commands import COMMANDS, command_of
 from dynid.cli.options import (
     COMMON,
+    CONFIG,
     TYPED,
     TYPES,
-    configure,
     dynid_command,
     keys_of,
     settings,
@@ -59,17 +59,14 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
 
 @dynid_command(
     "doctor",
-    config=click.option(
-        "--config",
-        type=TYPES["Path"],
-        metavar="[FILE]",
-        is_flag=False,
-        flag_value=str(SHOW),
-        is_eager=True,
-        expose_value=False,
-        callback=configure,
-        help="Show each option's value and source, those of FILE instead of ./dynid.yaml and the user's.",
-    ),
+    config=CONFIG
+    | {
+        "type": TYPES["Path"],
+        "metavar": "[FILE]",
+        "is_flag": False,
+        "flag_value": str(SHOW),
+        "help": "Show each option's value and source, those of FILE instead of ./dynid.yaml and the user's.",
+    },
 )
 def doctor_command(session: Session) -> Answer:
     """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration.

@@ -16,7 +16,6 @@ import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields, replace
-from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -30,7 +29,7 @@ from dynid.cli.runfile import arguments_of, repeated
 from dynid.cli.session import Session
 from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
-from dynid.options import Options, declaration_of, flag_of
+from dynid.options import Options, declaration_of, flag_of, option
 from dynid.text import shell
 from dynid.xdg import LOCAL_CONFIG, config_file
 
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
     from dynid.files.yamlfile import Value
     from dynid.judgement.rules import Step
 
-Decorator = Callable[[Callable[..., Any]], Any]
 #: Options that every command has, and those of them with one letter.
 COMMON = tuple(each.name for each in fields(Session))
 SHORT = ("out", "force", "yes", "quiet", "verbose")
@@ -77,8 +75,8 @@ def key_of(each: Field[Any]) -> str:
     return flag_of(each)[2:].replace("-", "_")
 
 
-def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN401
-    """Return the option of a declared field; ``facts`` are further arguments of ``click.option``."""
+def declared_option(each: Field[Any], **facts: Any) -> click.Option:  # noqa: ANN401
+    """Return the option of a declared field; ``facts`` are further arguments of ``click.Option``."""
     said, flag = declaration_of(each), flag_of(each)
     short = [f"-{each.name[0]}"] if each.name in SHORT else []
     facts |= {
@@ -101,10 +99,10 @@ def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN40
         facts["type"] = ranged(*said.bounds)
     elif said.read is not None:
         facts["type"] = str
-    return click.option(*short, flag, key_of(each), **facts | KINDS.get(said.kind, {}))
+    return click.Option([*short, flag, key_of(each)], **facts | KINDS.get(said.kind, {}))
 
 
-def argument_of(each: inspect.Parameter) -> Decorator:
+def argument_of(each: inspect.Parameter) -> click.Argument:
     """Return the argument of a parameter; several values are named by a plural."""
     several = str(each.annotation).startswith("tuple")
     needed = each.default is inspect.Parameter.empty
@@ -113,27 +111,26 @@ def argument_of(each: inspect.Parameter) -> Decorator:
         {"nargs": -1, "metavar": shown if needed else f"[{shown}]"} if several else {}
     )
     kind = type_of(each.annotation)
-    return click.argument(each.name, required=needed, type=kind, **facts)
+    return click.Argument([each.name], required=needed, type=kind, **facts)
 
 
-TIP = click.option(
-    "--tip",
-    metavar="LINK",
-    help="Last link of the arm, where ROBOT is a URDF whose joints fork.",
+TIP: Any = option(
+    None, "Last link of the arm, where ROBOT is a URDF whose joints fork.", metavar="LINK"
 )
+TIP.name, TIP.type = "tip", "str | None"
 
 
 def command_line(
     function: Callable[..., Any], without: Sequence[str]
-) -> tuple[list[Decorator], dict[str, Any]]:
+) -> tuple[list[click.Parameter], dict[str, Any]]:
     """Return what a command takes by its signature, and what is made of words, by name: options, an arm, a result.
 
     Args:
         function: the command; what has a decorator of click is taken as that says.
         without: fields of its options that it does not offer.
     """
-    by_click = {each.name for each in getattr(function, "__click_params__", ())}
-    taken, kinds = list[Decorator](), dict[str, Any]()
+    by_click = {each.name: each for each in reversed(getattr(function, "__click_params__", ()))}
+    taken, kinds = list[click.Parameter](), dict[str, Any]()
     for name, each in [*inspect.signature(function).parameters.items()][1:]:
         word, declared = str(each.annotation), each.default
         kind = function.__globals__.get(word)
@@ -145,8 +142,8 @@ def command_line(
             taken.append(declared_option(declared))
         elif each.kind is not each.VAR_KEYWORD and name not in by_click:
             kinds[name] = word
-            taken += [argument_of(each), *[TIP] * (word == "Robot")]
-    return taken, kinds
+            taken += [argument_of(each), *[declared_option(TIP)] * (word == "Robot")]
+    return [*taken, *by_click.values()], kinds
 
 
 def arguments(session: Session, kinds: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
@@ -244,23 +241,20 @@ class Command(click.Command):
                 formatter.write_dl([record for record in records if record and record[1]])
 
 
-FROM_OPTION = click.option(
-    "--from",
-    "from_",
-    metavar="RUN.yaml",
-    expose_value=False,
-    allow_from_autoenv=False,
-    help="Repeat a run of a results folder; arguments and options given besides win.",
-)
-#: It comes first: eager options are read in this order, and --color may stand in the file.
-CONFIG_OPTION = click.option(
-    "--config",
-    type=INPUT,
-    is_eager=True,
-    expose_value=False,
-    callback=configure,
-    help="Configuration file instead of ./dynid.yaml and the user's.",
-)
+#: What click is told of --from and --config, besides their names.
+FROM: dict[str, Any] = {
+    "metavar": "RUN.yaml",
+    "expose_value": False,
+    "allow_from_autoenv": False,
+    "help": "Repeat a run of a results folder; arguments and options given besides win.",
+}
+CONFIG: dict[str, Any] = {
+    "type": INPUT,
+    "is_eager": True,
+    "expose_value": False,
+    "callback": configure,
+    "help": "Configuration file instead of ./dynid.yaml and the user's.",
+}
 
 
 def dynid_command(
@@ -268,7 +262,7 @@ def dynid_command(
     *,
     repeatable: bool = False,
     without: Sequence[str] = (),
-    config: Decorator = CONFIG_OPTION,
+    config: dict[str, Any] = CONFIG,
 ) -> Callable[[Callable[..., Any]], Command]:
     """Make a command of a function that takes the session first and the rest by keyword.
 
@@ -276,7 +270,7 @@ def dynid_command(
         name: name of the command.
         repeatable: whether it has ``--from run.yaml``; such a command calls ``write_run``.
         without: fields of its options that it does not offer.
-        config: stands in for the common option --config.
+        config: what click is told of the common option --config.
 
     Returns:
         A decorator; put it above decorators of click, for what no signature says.
@@ -285,7 +279,6 @@ def dynid_command(
     def decorate(function: Callable[..., Any]) -> Command:
         own_line, kinds = command_line(function, without)
 
-        @wraps(function)
         def callback(**values: Any) -> Any:  # noqa: ANN401
             ctx = click.get_current_context()
             common = {key: values.pop(key) for key in COMMON}
@@ -305,21 +298,24 @@ def dynid_command(
                     session.emit_json(facts)
                 return int(answer.status or bool(answer.limits))
 
-        decorated: Any = callback
-        common_line = [declared_option(each, is_eager=True) for each in fields(Session)]
-        for each in reversed([*[FROM_OPTION] * repeatable, config, *common_line, *own_line]):
-            decorated = each(decorated)
-        command = click.command(
+        # Why in this order: eager options are read in it, and --color may stand in the file of --config.
+        common_line = [
+            *[click.Option(["--from", "from_"], **FROM)] * repeatable,
+            click.Option(["--config"], **config),
+            *(declared_option(each, is_eager=True) for each in fields(Session)),
+        ]
+        command = Command(
             name,
-            cls=Command,
+            callback=callback,
+            params=[*common_line, *own_line],
             context_settings=CONTEXT,
             help=shown(function.__doc__),
             epilog=f"Docs: docs/reference/cli.md#dynid-{name}, or dynid explain",
-        )(decorated)
+        )
         # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
-        for key, option in keys_of(command).items():
+        for key, param in keys_of(command).items():
             own = f"DYNID_{name}_{key}".upper().replace("-", "_")
-            option.envvar = [own, f"DYNID_{key}".upper()]
+            param.envvar = [own, f"DYNID_{key}".upper()]
         IMPORTED[name] = command
         return command
 

@@ -6,8 +6,6 @@ import signal
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import click
-
 import dynid
 from dynid import workflows
 from dynid.answer import Answer
@@ -28,25 +26,20 @@ if TYPE_CHECKING:
 
 
 @dynid_command("simulate")
-@TIP
-@click.option(
-    "--engine",
-    type=click.Choice(["mujoco"]),
-    default="mujoco",
-    help="Simulator that --compare loads the exported files in.",
-    expose_value=False,
-)
 def simulate_command(
     session: Session,
     *,
     robot: str,
     trajectory: Existing,
-    tip: str | None,
     options: SimulateOptions,
     compare: Existing | None = option(
         None,
         "Drive the exported files of the two arguments, results of one arm, along this log and show the errors.",
         metavar="LOG",
+    ),
+    tip: str | None = TIP,
+    engine: str = option(
+        "mujoco", "Simulator that --compare loads the exported files in.", choices=("mujoco",)
     ),
 ) -> Answer:
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed.
