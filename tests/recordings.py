@@ -1,6 +1,5 @@
 """The same joint states in every container that people have, written with other people's libraries."""
 
-import shutil
 from functools import partial
 
 import numpy as np
@@ -47,10 +46,9 @@ def write_rosbag2(folder, messages, storage="sqlite3", compress="none"):
 
 
 def single(folder, target):
-    """Copy the only storage file of a rosbag2 folder."""
-    (part,) = [path for path in folder.iterdir() if path.suffix in (".db3", ".mcap")]
-    shutil.copy(part, target)
-    return target
+    """Move the only file of SQLite out of a folder of rosbag2."""
+    (part,) = folder.glob("*.db3")
+    return part.rename(target)
 
 
 def write_mcap(path, messages, compression="none", chunk=1 << 16):
@@ -58,11 +56,10 @@ def write_mcap(path, messages, compression="none", chunk=1 << 16):
     from mcap.writer import CompressionType
     from mcap.writer import Writer as McapWriter
 
-    kind = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}[
-        compression
-    ]
     with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=chunk, compression=kind)
+        writer = McapWriter(
+            stream, chunk_size=chunk, compression=CompressionType[compression.upper()]
+        )
         writer.start("ros2", "test")
         channels = {}
         for topic, ns, message in messages:

@@ -196,14 +196,21 @@ class Log(Answered):
         """
         return dataframe(self.named_columns()).set_index("t")
 
-    def named_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of a table by name, (N,) each; those without any number were never recorded."""
+    def named_columns(self, unit: str = "") -> dict[str, NDArray[Any]]:
+        """Return the columns of a table by name, (N,) each; those without any number were never recorded.
+
+        Args:
+            unit: how the name of a column ends whose unit is known, such as ``" [{}]"``.
+        """
         joints = self.names or tuple(f"joint_{k + 1}" for k in range(self.n))
         columns = {"t": self.t}
         for kind, values in self.columns.items():
             if COLUMNS[kind] and np.isfinite(values).any():
                 key = "i" if kind == "tau" and self.tau_unit == "A" else kind
-                columns |= {f"{key}_{name}": x for name, x in zip(joints, values.T, strict=True)}
+                end = unit.format(own) if (own := self.units.get(COLUMNS[kind])) else ""
+                columns |= {
+                    f"{key}_{x}{end}": each for x, each in zip(joints, values.T, strict=True)
+                }
         return columns
 
     def save(self, path: str | Path, run: Mapping[str, Any] | None = None) -> Path:

@@ -38,7 +38,7 @@ class Declaration:
         repeatable: whether it may be given several times.
         nothing: word for None on the command line, in help and in the inputs of results.
         kind: type on the command line where annotation and default do not tell it: ``"input"`` (file that exists),
-            ``"folder"``, ``"level"`` (how often it is given).
+            ``"level"`` (how often it is given).
         bounds: smallest and largest number, None for no bound.
         off: long option that switches a flag off; ``--no-...`` when empty.
         deliberate: whether only the command line may give it, no variable of the environment and no file.

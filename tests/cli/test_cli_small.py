@@ -146,6 +146,7 @@ def test_fix_repairs_without_loss_and_lists_each_repair(arm):
     assert "warning[W315] elbow jumps by 6.28 rad at 15.00 s; unwrapped" in said
     log = read_npz_log(arm.folder / "out/arm/log.npz")
     assert np.abs(np.diff(log.q[:, 1])).max() < 0.1
+    assert arm("convert out/arm/log.npz -o log.csv -f").status == 0
 
 
 def test_a_faulty_log_is_not_converted(arm):

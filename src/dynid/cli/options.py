@@ -58,7 +58,6 @@ TYPES: dict[str, Any] = {
 #: What click is told of an option by what ``Declaration.kind`` says.
 KINDS: dict[str, dict[str, Any]] = {
     "input": {"type": INPUT},
-    "folder": {"type": click.Path(file_okay=False, path_type=Path)},
     "level": {"count": True},
 }
 

@@ -62,9 +62,7 @@ class QuietConsole(Console):
 class Session(Options):
     """What every command is given: the common options and the streams."""
 
-    out: Path | None = option(
-        None, "Folder of the results (default: out/ROBOT).", metavar="DIR", kind="folder"
-    )
+    out: Path | None = option(None, "Folder of the results (default: out/ROBOT).", metavar="DIR")
     force: bool = option(False, "Overwrite results without asking.", deliberate=True)
     yes: bool = option(
         False, "Answer questions with yes; never those that move the arm.", deliberate=True

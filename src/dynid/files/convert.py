@@ -33,7 +33,7 @@ def write_log(log: Log, path: Path) -> Path:
             f"'{path.name}' does not say what to write: .npz, .csv",
             fix="name a file like log.npz; rosbags-convert writes bags",
         )
-    return write_columns(path, log.named_columns())
+    return write_columns(path, log.named_columns(" [{}]"))
 
 
 def write_columns(path: Path, columns: Mapping[str, Floats]) -> Path:

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import dynid
 from dynid.errors import LogLayout, LogNotFound, WrongUsage
+from dynid.files.convert import write_log
 from dynid.files.inspect import inspect
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
@@ -84,6 +85,7 @@ def test_a_joint_without_torque_has_none_and_sensors_come_before_currents(tmp_pa
     log = read_table(path, ("a", "b"))
     assert_array_equal(log.tau, [[3, np.nan]])
     assert log.units == {"position": "deg", "effort": "mNm"}
+    assert read_table(write_log(log, path), ()).units == log.units
 
 
 def test_an_unknown_header_is_answered_with_the_columns_to_paste(tmp_path):
