@@ -98,12 +98,12 @@ class DynidError(Exception):
 
 
 @contextmanager
-def located(where: str) -> Iterator[None]:
+def located(where: object) -> Iterator[None]:
     """Give a mistake that does not say where it was found a place, such as the name of its log."""
     try:
         yield
     except DynidError as error:
-        error.where = error.where or where
+        error.where = error.where or str(where)
         raise
 
 

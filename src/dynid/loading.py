@@ -95,7 +95,7 @@ def read_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions())
     Raises:
         DynidError: the file is missing, damaged, or has no joint states of this arm (E301 to E305).
     """
-    with located(str(path)):
+    with located(path):
         return read_recording(Path(path), robot=robot, topic=options.topic, rate=options.rate)
 
 
@@ -144,7 +144,7 @@ def checked_log(
     if options.velocity == "derived":
         log = replace(log, qd=None)
     try:
-        with located(str(log.source or "log")):
+        with located(log.source or "log"):
             log = prepare(
                 log,
                 robot,
@@ -173,14 +173,14 @@ def diagnose_logs(logs: Sequence[Log], robot: Robot, options: LogOptions) -> tup
     """
     findings: list[Finding] = []
     for log in logs:
-        with located(str(log.source or "log")):
+        with located(log.source or "log"):
             findings += diagnose(log, robot, anyway=options.anyway)
     return tuple(findings)
 
 
 def check_weight(log: Log, robot: Robot) -> None:
     """Raise when the torques of a checked log are currents and those of the model not, or have no weight (E317)."""
-    with located(str(log.source or "log")):
+    with located(log.source or "log"):
         if log.tau_unit == "A" and not robot.torque.relative:
             raise WrongUsage(
                 f"{log.name} holds currents in A, the model has N m: the gains of the drives are not known",

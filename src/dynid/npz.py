@@ -1,6 +1,6 @@
 """.npz files of arrays with one JSON header.
 
-Member files carry a fixed date, so that equal contents give equal bytes; nothing is ever pickled.
+Member files carry the fixed date of ``ZipInfo``, so that equal contents give equal bytes; nothing is ever pickled.
 """
 
 from __future__ import annotations
@@ -22,10 +22,6 @@ from dynid.version import __version__
 HEADER = "header"
 #: Larger arrays are measurements: compressing them costs seconds and saves next to nothing.
 COMPRESSED_BYTES = 1 << 20
-#: Larger members need the long form of a zip archive.
-_ZIP64 = 1 << 31
-
-
 #: Packed data of up to so many bytes may expand as it likes; larger data up to so many times: joint states pack three-
 #: to tenfold, a decompression bomb expands a thousandfold.
 _SMALL, _EXPANSION = 16 << 20, 200
@@ -58,12 +54,11 @@ def write_artifact(
     facts = json.dumps({"schema": schema, "dynid": __version__, **header}, default=_plain)
     with written_whole(path) as stream, zipfile.ZipFile(stream, "w") as archive:
         for name, array in {HEADER: np.array(facts), **arrays}.items():
-            # Why not by name: that would write the time of day.
-            info = zipfile.ZipInfo(f"{name}.npy")
-            info.compress_type = (
-                zipfile.ZIP_DEFLATED if array.nbytes < COMPRESSED_BYTES else zipfile.ZIP_STORED
-            )
-            with archive.open(info, "w", force_zip64=array.nbytes > _ZIP64) as member:
+            member_info = zipfile.ZipInfo(f"{name}.npy")
+            if array.nbytes < COMPRESSED_BYTES:
+                member_info.compress_type = zipfile.ZIP_DEFLATED
+            # Why: what the size will be is not known to the archive, and arrays may be large.
+            with archive.open(member_info, "w", force_zip64=True) as member:
                 # Why a copy: rows after rows, whatever the order in memory.
                 np.lib.format.write_array(member, array.copy(), allow_pickle=False)
 

@@ -471,25 +471,23 @@ class Robot(Answered):
 
     def answer(self) -> Answer:
         """Return the DH table with the limits, one row per joint; angles in degrees."""
-
-        def limit(value: float | None, joint: Joint) -> float | None:
-            return value if value is None or not joint.revolute else math.degrees(value)
-
-        rows = [
-            {
+        rows = []
+        for joint in self.joints:
+            shown, limits = math.degrees if joint.revolute else float, joint.limits
+            lower, upper = limits.position or (math.nan, math.nan)
+            row = {
                 "joint": joint.name,
                 "type": joint.type,
                 "a [m]": joint.a,
                 "twist [deg]": math.degrees(joint.twist),
                 "d [m]": joint.d,
                 "theta offset [deg]": math.degrees(joint.theta_offset),
-                "from [deg or m]": limit(joint.limits.position and joint.limits.position[0], joint),
-                "to [deg or m]": limit(joint.limits.position and joint.limits.position[1], joint),
-                "speed [deg/s or m/s]": limit(joint.limits.velocity, joint),
-                "torque [N m or N]": joint.limits.torque,
+                "from [deg or m]": shown(lower),
+                "to [deg or m]": shown(upper),
+                "speed [deg/s or m/s]": shown(limits.velocity or math.nan),
+                "torque [N m or N]": limits.torque,
             }
-            for joint in self.joints
-        ]
+            rows.append(row)
         gravity = ", ".join(f"{g:g}" for g in self.gravity)
         what = f"{self.name}: {self.convention} DH, gravity ({gravity}) m/s^2 in frame 0"
         return Answer({"robot": self.name}, what, (Table(rows),))
