@@ -79,10 +79,10 @@ def read_table(
     currents = matched(CURRENT, table.names, joints)
     columns = _columns(table, joints, patterns, currents, sensors=sensors)
     time = _time_column(table, patterns.get("time"), rate)
-    wanted = [*dict.fromkeys(name for each in columns.values() for name in each if name)]
-    values = table.read([*wanted, time] if time else wanted)
+    wanted = [name for each in columns.values() for name in each]
+    values = table.read([*wanted, time or ""])
     findings: tuple[Finding, ...] = ()
-    empty = np.isnan(values[:, : len(wanted)]).all(axis=1)
+    empty = np.isnan(values[:, :-1]).all(axis=1)
     if 0 < (rows := int(np.count_nonzero(empty))) < len(values):
         text = f"{path.name}: {rows} of {len(values)} rows have no value and are left out"
         findings = (Finding("W331", "info", text, {"rows": rows}),)
@@ -94,8 +94,7 @@ def read_table(
     if currents and "" in columns["effort"]:
         text = f"{path.name}: its torques of some joints are used, its currents of all are not"
         findings += (Finding("W335", "warning", text, {"columns": currents}),)
-    cells = dict(zip(wanted, values.T, strict=False)) | {"": np.full(len(values), np.nan)}
-    arrays = {key: np.stack([cells[name] for name in x], axis=1) for key, x in columns.items()}
+    arrays = dict(zip(columns, np.split(values[:, :-1], len(columns), axis=1), strict=True))
     return Log(
         t,
         arrays.pop("position"),
@@ -215,7 +214,9 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
         LogLayout: rows or columns do not agree.
         WrongUsage: no file has the time, and no rate is given.
     """
-    if not all((path / name).is_file() for name in ("position.txt", "torque.txt")):
+    files = {key: path / f"{key}.txt" for key in ("position", "velocity", "torque", "time")}
+    tables = {key: text_table(file) for key, file in files.items() if file.is_file()}
+    if not {"position", "torque"} <= tables.keys():
         holds = ", ".join(sorted(each.name for each in path.iterdir())[:5]) or "nothing"
         raise LogNotFound(
             f"the folder {path} is no log: it holds {holds}",
@@ -225,22 +226,19 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
     names: Sequence[str] = ()
     t: Floats | None = None
     arrays: dict[str, Floats] = {}
-    for file in (path / f"{key}.txt" for key in ("position", "velocity", "torque", "time")):
-        if not file.is_file():
-            continue
-        table = text_table(file)
+    for key, table in tables.items():
         heads, values = table.names, table.read()
-        if file.stem == "time" or (heads and is_time(heads[0])):
-            t = values[:, 0] if file.stem in ("position", "time") else t
+        if key == "time" or (heads and is_time(heads[0])):
+            t = values[:, 0] if key in ("position", "time") else t
             heads, values = heads[1:], values[:, 1:]
         names = names or heads
         if missing := [name for name in names if heads and name not in heads]:
             raise table.wrong(f"no column '{missing[0]}'")
         # A file without names has the order of the others.
-        arrays[file.stem] = values[:, [heads.index(name) for name in names]] if heads else values
+        arrays[key] = values[:, [heads.index(name) for name in names]] if heads else values
         rows, expected = len(values), len(arrays["position"])
         if rows != expected:
-            raise LogLayout(f"{file.name} has {rows} rows, expected {expected}", where=file)
+            raise LogLayout(f"{key}.txt has {rows} rows, expected {expected}", where=files[key])
     if t is None and rate is None:
         raise WrongUsage(
             f"{path} has no time.txt and position.txt no time column",

@@ -50,14 +50,14 @@ class TextTable:
         return LogLayout(f"{self.path.name}:{line}: {text}", where=f"{self.path}:{line}", fix=fix)
 
     def read(self, names: Sequence[str] = ()) -> Floats:
-        """Return some columns by their names, all where none is given, (N, k).
+        """Return some columns by their names, nan for "", and all columns where none is given, (N, k).
 
         Raises:
             LogNotFound: it is no text.
             LogLayout: a cell is not a number, or a row has another number of cells.
         """
         width = len(self.first)
-        places = [self.names.index(name) for name in names] or range(width)
+        places = [self.names.index(name) if name else width for name in names] or range(width)
         values = array("d")
         for number, line in _lines(self.path):
             if number < self.start or line[0] in COMMENT:
@@ -65,6 +65,7 @@ class TextTable:
             cells = _cells(line, self.delimiter)
             if len(cells) != width:
                 raise self.wrong(f"{len(cells)} numbers, expected {width}", line=number)
+            cells.append("")
             values.extend([self._number(cells[k], number) for k in places])
         return np.reshape(values, (-1, len(places)))
 
