@@ -245,7 +245,7 @@ FROM: dict[str, Any] = {
     "metavar": "RUN.yaml",
     "expose_value": False,
     "allow_from_autoenv": False,
-    "help": "Repeat a run of a results folder; arguments and options given besides win.",
+    "help": "Repeat a run of a results folder; options given besides win, logs given besides are added.",
 }
 CONFIG: dict[str, Any] = {
     "type": INPUT,
