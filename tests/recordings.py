@@ -45,20 +45,14 @@ def write_rosbag2(folder, messages, storage="sqlite3", compress="none"):
     return folder
 
 
-def single(folder, target):
-    """Move the only file of SQLite out of a folder of rosbag2."""
-    (part,) = folder.glob("*.db3")
-    return part.rename(target)
-
-
-def write_mcap(path, messages, compression="none", chunk=1 << 16):
+def write_mcap(path, messages, compression="none"):
     """Write (topic, arrival [ns], message) with the mcap library."""
     from mcap.writer import CompressionType
     from mcap.writer import Writer as McapWriter
 
     with path.open("wb") as stream:
         writer = McapWriter(
-            stream, chunk_size=chunk, compression=CompressionType[compression.upper()]
+            stream, chunk_size=1 << 16, compression=CompressionType[compression.upper()]
         )
         writer.start("ros2", "test")
         channels = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ def likely_units(log: Log) -> dict[str, str]:
     most = np.fmax.reduce(np.abs(log.tau), axis=None, initial=0.0)
     return {
         "position": "deg" if span > tuning.MOST_RADIANS else "rad",
-        "effort": "mNm" if most > tuning.MOST_TORQUE_NM else log.tau_unit or "Nm",
+        "effort": log.tau_unit or ("mNm" if most > tuning.MOST_TORQUE_NM else "Nm"),
     } | {key: unit for key, unit in log.units.items() if key != "velocity"}
 
 
@@ -75,8 +75,6 @@ class Inspected:
             names = ", ".join(map(yaml_word, log.names))
             lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
         units = likely_units(log)
-        if self.patterns and "effort" not in log.units and in_amperes(self.patterns["effort"]):
-            units["effort"] = "A"
         if log.qd is not None and np.isfinite(log.qd).any():
             units["velocity"] = f"{units['position']}/s"
         inside = ", ".join(f"{key}: {units[key]}" for key in FACTORS if key in units)
@@ -120,4 +118,6 @@ def _table(path: Path, rate: float | None) -> Inspected:
         text = f"{path.name}: names of {len(columns)} columns do not say which are positions and torques"
         unknown = Finding("W330", "warning", text, {"columns": columns})
         return Inspected(logs=(), findings=(unknown,), columns=columns, patterns=template(columns))
+    if patterns and in_amperes(patterns["effort"]):
+        log = replace(log, tau_unit="A")
     return Inspected(logs=(log,), findings=log.findings, columns=columns, patterns=patterns)

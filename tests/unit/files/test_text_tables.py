@@ -94,6 +94,7 @@ def test_an_unknown_header_is_answered_with_the_columns_to_paste(tmp_path):
         read_table(written(tmp_path, f"{head}\n0;1;2;3;4\n"), ("a", "b"))
     paste = 'columns: {time: "timestamp", position: "actual_q_{i}", effort: "actual_current_{i}"}'
     assert paste in caught.value.fix
+    assert inspect(tmp_path / "log.csv").logs[0].tau_unit == "A"
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
