@@ -17,7 +17,8 @@ from typing import Any
 
 from dynid.errors import WrongUsage
 
-#: Sizes of numbers: no option has a larger one, and none that may not be negative a smaller one but 0.
+#: Sizes of numbers: no option and no file has a larger one, and no option that may not be negative a smaller one but 0,
+#: nor what has to be there in a file, in whatever unit: it is divided by, and its powers are.
 LEAST, MOST = 1e-12, 1e12
 #: No driver is this late; a larger number is meant in milliseconds [s].
 LONGEST_DELAY = 0.5

@@ -30,7 +30,8 @@ from dynid.files.robotkeys import (
     unit_of,
 )
 from dynid.files.texttable import text_table
-from dynid.files.yamlfile import LARGEST, Value, read_yaml
+from dynid.files.yamlfile import Value, read_yaml
+from dynid.options import MOST
 from dynid.robot import Robot
 from dynid.units import ANGLE
 
@@ -129,8 +130,8 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
 
 
 def _checked(waypoints: Waypoints, path: Path) -> Waypoints:
-    for k in np.flatnonzero(~np.all(np.abs(waypoints.q) <= LARGEST, axis=1)):
-        text = f"{path}: row {k + 1} is not numbers up to {LARGEST:g}"
+    for k in np.flatnonzero(~np.all(np.abs(waypoints.q) <= MOST, axis=1)):
+        text = f"{path}: row {k + 1} is not numbers up to {MOST:g}"
         raise LogLayout(text, where=path, **_LAYOUT)
     if len(waypoints.q) < 2:
         raise LogLayout(

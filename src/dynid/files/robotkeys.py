@@ -17,7 +17,7 @@ from dynid.errors import AngleTooLarge
 from dynid.files import tuning
 from dynid.files.columnwords import PATTERNS
 from dynid.files.yamlfile import Reader, Value
-from dynid.options import number_or_nan
+from dynid.options import LEAST, number_or_nan
 from dynid.robot import (
     FRICTION_PARAMETERS,
     USUAL_UNITS,
@@ -39,8 +39,6 @@ from dynid.units import ANGLE, FACTORS
 Keys = dict[str, Reader]
 #: DH angles that nearly are a multiple of this are taken to mean it [rad].
 SNAP_STEP = math.pi / 12
-#: Least size of what has to be there, in whatever unit: it is divided by, and its powers are.
-LEAST = 1e-12
 #: Names go into file names, of which systems keep 255 characters.
 LONGEST_NAME = 100
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free", "unknown")
@@ -48,10 +46,10 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 TEXT, NUMBER = Value.text, Value.number
 
 
-def snapped(angle: float) -> float:
-    """Return an angle [rad], a multiple of 15 degrees where it nearly is one, such as 1.5708."""
+def snapped(angle: float, miss: float = tuning.SNAP_RAD) -> float:
+    """Return an angle [rad], a multiple of 15 degrees where it is one but for a miss, such as 1.5708."""
     nearest = round(angle / SNAP_STEP) * SNAP_STEP
-    return nearest if abs(angle - nearest) < tuning.SNAP_RAD else angle
+    return nearest if abs(angle - nearest) < miss else angle
 
 
 # ---------------------------------------------------------------- readers that are made of others

@@ -17,7 +17,7 @@ from dynid.arrays import Floats
 from dynid.errors import WrongUrdf
 from dynid.files import tuning
 from dynid.files.robotkeys import INERTIA, snapped
-from dynid.files.yamlfile import LARGEST
+from dynid.options import MOST
 from dynid.robot import Body, Limits, rotation_rpy
 from dynid.text import closest, shell
 
@@ -185,9 +185,9 @@ def _numbers(
     text = given[key] if needed else given.get(key, default)
     values = np.array([float(word) for word in text.split()])
     # Why not only finite: powers and shares of larger numbers are not.
-    if len(values) != len(default.split()) or not np.all(np.abs(values) < LARGEST):
+    if len(values) != len(default.split()) or not np.all(np.abs(values) < MOST):
         raise ValueError(
-            f"'{text[:80]}' should be {len(default.split())} finite numbers below {LARGEST:g}"
+            f"'{text[:80]}' should be {len(default.split())} finite numbers below {MOST:g}"
         )
     return values
 
@@ -233,11 +233,11 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         float(given.get(key, "0")) for key in ("lower", "upper", "velocity", "effort")
     )
     # Why: some files write an infinite or huge number for a joint without a limit.
-    limited = kind != "continuous" and -LARGEST < lower < upper < LARGEST
+    limited = kind != "continuous" and -MOST < lower < upper < MOST
     limits = Limits(
         position=(lower, upper) if limited else None,
-        velocity=velocity if 0 < velocity < LARGEST else None,
-        torque=effort if 0 < effort < LARGEST else None,
+        velocity=velocity if 0 < velocity < MOST else None,
+        torque=effort if 0 < effort < MOST else None,
     )
     return UrdfJoint(
         name=name,

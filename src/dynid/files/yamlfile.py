@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from dynid.errors import DynidError, Finding, NotANumber, NotYaml, UnknownKey, WrongRobotFile
-from dynid.options import number_or_nan
+from dynid.options import MOST, number_or_nan
 from dynid.text import closest
 from dynid.units import ANGLE
 
 if TYPE_CHECKING:
     from dynid.robot import Joint  # with NumPy: help takes a tenth of a second without it
 
-#: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
-#: ones are added, and CAD programs round to them.
-SMALLEST, LARGEST = 1e-30, 1e12
+#: Size of numbers other than 0, in whatever unit. Why so small: they are added, and CAD programs round to them; large
+#: ones (``MOST``) are multiplied and squared many times in a model.
+SMALLEST = 1e-30
 #: Without zeros in front, which YAML reads as octal.
 _NUMBER = re.compile(r"[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _PI = re.compile(
@@ -206,12 +206,12 @@ class Value:
         return str(self.node.value)
 
     def _checked(self, value: float) -> float:
-        if value and not SMALLEST <= abs(value) <= LARGEST:
+        if value and not SMALLEST <= abs(value) <= MOST:
             raise self.wrong(
                 f" = '{self._raw()[:40]}' is not finite, or beyond what can be measured",
                 "write 0, or correct the number",
                 NotANumber,
-                why=f"numbers other than 0 must lie between {SMALLEST:g} and {LARGEST:g}",
+                why=f"numbers other than 0 must lie between {SMALLEST:g} and {MOST:g}",
             )
         return value
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.errors import Finding
-from dynid.files.robotkeys import SNAP_STEP
+from dynid.files.robotkeys import snapped
 from dynid.files.urdffile import MOVING, Urdf, UrdfJoint, wrong_urdf
 from dynid.model import tuning
 from dynid.model.attached import carried
@@ -227,9 +227,7 @@ def _frame(x: Floats, z: Floats, origin: Floats) -> Floats:
 
 def _angle(a: Floats, b: Floats, axis: Floats) -> float:
     """Return the angle from a to b about an axis; a multiple of 15 degrees where it is one."""
-    angle = math.atan2(float(np.cross(a, b) @ axis), float(a @ b))
-    nearest = round(angle / SNAP_STEP) * SNAP_STEP
-    return nearest if abs(angle - nearest) < 1e-9 else angle
+    return snapped(math.atan2(float(np.cross(a, b) @ axis), float(a @ b)), 1e-9)
 
 
 def _clean(length: float) -> float:
