@@ -113,6 +113,7 @@ def test_the_answer_r_changes_the_filter_and_stacks_again(arm):
 
 
 def test_parameters_then_identify_equals_identify_at_once_to_the_byte(arm, finished):
+    assert "identify arm.yaml -o x\n" in arm("parameters arm.yaml log.csv -o x").good.err
     assert arm("parameters arm.yaml log.csv").good
     assert arm("identify arm.yaml").good
     made, expected = (folder / OUT / "parameters.yaml" for folder in (arm.folder, finished))

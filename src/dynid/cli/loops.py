@@ -26,6 +26,7 @@ from dynid.judgement.rules import Step
 from dynid.model.printing import as_latex, as_python
 from dynid.options import LogOptions, option
 from dynid.runs import RunFolder
+from dynid.text import shell
 from dynid.workflows.options import IdentifyRunOptions, ModelOptions
 
 if TYPE_CHECKING:
@@ -151,7 +152,8 @@ def parameters_command(
             break
         cutoff: Any = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
         options, again = replace(options, cutoff=cutoff), True
-    steps = [Step("", f"dynid identify {robot.word}")]
+    folder = shell("-o", session.out) if session.out else ""
+    steps = [Step("", f"dynid identify {robot.word} {folder}".rstrip())]
     if reply == "yes":
         out = session.folder(robot.slug)
         identified = invoke(session, "identify", robot.source, "-o", out)
