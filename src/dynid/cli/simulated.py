@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -74,7 +73,5 @@ def sim_driver_command(session: Session, *, robot: Robot, options: SimDriverOpti
       dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz
       dynid sim-driver kuka_lwr4plus --rate 200 --torque-noise 0.1 --latency 0.005
     """
-    # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     raise_priority()
     return workflows.simulate.simulate_driver(robot, options)
