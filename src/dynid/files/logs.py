@@ -169,10 +169,11 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
             where=chosen,
             fix="make the driver fill the names of its JointState",
         )
-    for field in {"position", "effort"} & {*log.extra["absent"]}:
-        raise WrongMessageType(
-            f"{chosen} has no {field} in any of its {len(log)} messages", where=path.name
-        )
+    for field, numbers in (("position", log.q), ("effort", log.tau)):
+        if not np.isfinite(numbers).any():
+            raise WrongMessageType(
+                f"{chosen} has no {field} in any of its {len(log)} messages", where=path.name
+            )
     if log.extra["clock"] == "arrival":
         text = (
             f"{chosen} has no usable time stamps: "

@@ -73,8 +73,8 @@ class Collector:
     def __init__(self, topic: Topic) -> None:
         self.reason = ""
         self._topic = topic
-        # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
-        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns], set[str]]] = {}
+        # By the joints that messages carry: names in the order of the first message, and the numbers.
+        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns]]] = {}
 
     def add(self, messages: Messages) -> None:
         """Take messages, those of one length and layout in one go."""
@@ -102,16 +102,13 @@ class Collector:
 
     def _keep(self, layout: _Layout, arrival: Times, table: Bytes) -> None:
         names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
-        first, blocks, filled = self._groups.setdefault(
-            frozenset(names) or width, (names, [], set())
-        )
+        first, blocks = self._groups.setdefault(frozenset(names) or width, (names, []))
         order = [names.index(name) for name in first] or slice(None)
         # Unit: bytes 4-11 are the stamp, in ROS 1 behind a sequence number, in CDR behind the encapsulation.
         block = {"arrival": arrival, "stamp": _taken(table, 4, 2, "<u4") @ NANOSECONDS}
         for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
             # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
             block[key] = np.full((len(table), width), np.nan)
-            filled.update({key} if count else ())
             if count == width:
                 block[key] = _taken(table, place, count, "<f8")[:, order]
         blocks.append(block)
@@ -177,11 +174,11 @@ class _Layout:
 
 
 # ---------------------------------------------------------------- columns to logs
-def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic: str) -> Log:
-    """Return messages, put in the order of arrival, as a raw log.
+def _log(names: tuple[str, ...], blocks: list[Columns], topic: str) -> Log:
+    """Return messages, put in the order of arrival, as a raw log; absent positions and efforts are NaN.
 
-    ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, the first and last ``arrival_ns``,
-    and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
+    ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, and the first and last
+    ``arrival_ns``.
     """
     order = np.argsort(np.concatenate([block["arrival"] for block in blocks]), kind="stable")
     columns = {key: np.concatenate([block[key] for block in blocks])[order] for key in blocks[0]}
@@ -197,12 +194,11 @@ def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic:
         q=columns["position"],
         tau=columns["effort"],
         names=names,
-        qd=columns["velocity"] if "velocity" in filled else None,
+        qd=columns["velocity"] if np.isfinite(columns["velocity"]).any() else None,
         topic=topic,
         extra={
             "clock": "header" if stamped else "arrival",
             "start_ns": int(ns[0]),
             "arrival_ns": (int(arrival[0]), int(arrival[-1])),
-            "absent": tuple(key for key in FIELDS if key not in filled),
         },
     )
