@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,25 +45,11 @@ def write_columns(path: Path, columns: Mapping[str, Floats]) -> Path:
 
 
 # ---------------------------------------------------------------- a replay
-class JointStates(NamedTuple):
-    """Motion and torques at some instants.
-
-    Attributes:
-        q: positions, (M, n) [rad or m].
-        qd: velocities, (M, n) [rad/s or m/s].
-        tau: torques, (M, n) [N m or N]; not a number where there is none.
-    """
-
-    q: Floats
-    qd: Floats
-    tau: Floats
-
-
 def write_replay(
     path: Path,
     stamps: NDArray[np.int64],
     names: Sequence[str],
-    topics: Mapping[str, JointStates],
+    topics: Mapping[str, tuple[Floats, Floats, Floats]],
     urdf: str,
 ) -> Path:
     """Write joint states on several topics as MCAP, and the arm's URDF on ``/robot_description``.
@@ -73,7 +58,8 @@ def write_replay(
         path: the file.
         stamps: time of each instant, (M,) [ns since 1970].
         names: names of the joints, which are those of the URDF.
-        topics: joint states by topic.
+        topics: by topic positions [rad or m], velocities [rad/s or m/s] and torques [N m or N], (M, n) each; not a
+            number where there is none.
         urdf: text of the URDF.
 
     Raises:

@@ -23,7 +23,7 @@ from dynid.estimation.rows import Rows, rows_of
 from dynid.estimation.stack import Stack, scaled
 from dynid.exporters import FORMATS
 from dynid.files.artifact import read_header
-from dynid.files.convert import JointStates, write_replay
+from dynid.files.convert import write_replay
 from dynid.judgement.evidence import Evidence, Unseen
 from dynid.loading import (
     LogLike,
@@ -190,9 +190,9 @@ class Validation(Judged):
         m = self.motion
         torque = np.where(m.usable, m.tau_estimated, np.nan)
         topics = {
-            "/measured/joint_states": JointStates(m.q_measured, m.qd_measured, m.tau_measured),
-            "/predicted/joint_states": JointStates(m.q_estimated, m.qd_estimated, torque),
-            "/residual/joint_states": JointStates(
+            "/measured/joint_states": (m.q_measured, m.qd_measured, m.tau_measured),
+            "/predicted/joint_states": (m.q_estimated, m.qd_estimated, torque),
+            "/residual/joint_states": (
                 m.q_measured - m.q_estimated,
                 m.qd_measured - m.qd_estimated,
                 m.tau_measured - torque,
