@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import IO
@@ -21,26 +20,20 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
     # Why: what is renamed to a device or a pipe would replace it.
     if path.exists() and not path.is_file():
         raise CannotWrite(f"cannot write {path}: it is no regular file", where=path)
+    # Why not tempfile: its files are private; a result should follow the user's umask like any other file.
+    temporary = path.with_name(f".dynid-{os.urandom(8).hex()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".dynid-", dir=path.parent)
-    except OSError as error:
-        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=path) from error
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as stream:
+        with temporary.open("xb") as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
-        # Why: mkstemp makes the file private; a result should follow the user's umask like any other file.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
         temporary.replace(path)
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=path) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # it has taken its name, or there is no such folder
+            temporary.unlink()
 
 
 #: Path, time of change and size of a file.
