@@ -108,10 +108,9 @@ def added(
             picture = run.path / "gap/simulator.png"
             wrote.append(workflows.simulate.save_figure(driven, picture))
     unseen = [str(log.source) for log in gap.unseen_logs if log.source]
-    why = "This log was held out: the errors are those of the table."
-    step = Step(
-        why, shell("dynid", "validate", path, *unseen[:1], "--cutoff", f"{gap.signals.cutoff:g}")
-    )
-    if not unseen:
-        step = Step("LOG is one that was not used here.", f"{shell('dynid', 'validate', path)} LOG")
+    why = "LOG is one that was not used here."
+    if unseen:
+        why = "This log was held out: the errors are those of the table."
+    words = "validate", path, *(unseen[:1] or ["LOG"]), "--cutoff", f"{gap.signals.cutoff:g}"
+    step = Step(why, shell("dynid", *words))
     return Answer({"simulator": simulated}, parts=parts, wrote=wrote, next=[step])
