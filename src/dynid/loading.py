@@ -78,8 +78,7 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
             robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets
         tip = tip or (link if path != Path(source) else None)
         made = import_arm(read_urdf(path), read_urdf(path, exact=True), base=base, tip=tip)
-        robot, findings = made.robot, (*made.robot.findings, *made.findings)
-        robot = replace(robot, source=str(source), findings=findings)
+        robot = replace(made.robot, source=str(source), findings=made.findings)
     notice(robot.findings)
     return robot
 

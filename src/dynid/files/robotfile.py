@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from copy import deepcopy
 from dataclasses import fields, is_dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -54,21 +52,14 @@ def load_robot(name: str | Path) -> Robot:
     return replace(parse_robot(read_text(path), path), source=str(name))
 
 
-def parse_robot(text: str, path: Path) -> Robot:
-    """Read a robot from the text of its file."""
-    # Why a copy: a robot has mappings, which its user may change.
-    return deepcopy(_parsed(text, path))
-
-
 def read_prior(path: Path, robot: Robot) -> Prior:
     """Read a prior from a file of its own that holds what stands under ``prior:`` of a robot file."""
     prior: Prior = A_PRIOR(read_yaml(path).within(joints=robot.joints))
     return prior
 
 
-@lru_cache(maxsize=16)
-def _parsed(text: str, path: Path) -> Robot:
-    """Read a robot once for each text and path."""
+def parse_robot(text: str, path: Path) -> Robot:
+    """Read a robot from the text of its file."""
     root = parse_yaml(text, path)
     if not root.is_mapping:
         raise NotYaml(f"{path} has no keys; it is not a robot file", where=path)
