@@ -121,7 +121,7 @@ def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> list[str]:
             texts.append(words)
         elif len(words) > 1:
             wrong = table.wrong(f"{len(words)} names, but the rows have {n} numbers", line=number)
-    if not texts and wrong:
+    if wrong and not (texts or comment):
         raise wrong
     if not texts:
         return comment
