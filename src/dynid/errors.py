@@ -174,11 +174,11 @@ class NotYaml(DynidError):
 
 
 class WrongRobotFile(DynidError):
-    """A key is missing from the robot file or has a value that cannot be used."""
+    """A key is missing from a YAML file or has a value that cannot be used."""
 
     code = "E208"
-    why = "the model would describe another robot"
-    fix = "correct the value; `dynid explain robot-file` describes each key"
+    why = "something else would be done than what is meant"
+    fix = "correct the value; `dynid explain robot-file` describes each key of a robot file"
 
 
 class ReductionsDisagree(DynidError):

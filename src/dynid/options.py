@@ -93,7 +93,7 @@ class Options:
                 flag, said = flag_of(declared), declaration_of(declared)
                 what = f"{flag} {shown} is not possible: {error}"
                 fix = f"{flag} {said.metavar}: {said.help}" if said.metavar else said.help
-                raise WrongUsage(what, fix=fix) from error
+                raise WrongUsage(what, where=flag, fix=fix) from error
 
     def texts(self) -> dict[str, str]:
         """Return the options as text, for the inputs of results: name and value, without what nobody gave."""

@@ -239,7 +239,7 @@ def test_common_options_stand_at_the_top_of_the_file(dynid):
         toy:\\n  sampels: 1 | 3 | error[E201] dynid.yaml:2: unknown key 'sampels'; did you mean 'samples'?
         seeed: 1 | 3 | error[E201] dynid.yaml:1: unknown key 'seeed'; did you mean 'seed'?
         toy:\\n  samples: many | 2 | where   dynid.yaml:2
-        toy:\\n  samples: [1, 2] | 2 | error[E101] dynid.yaml:2: toy.samples takes one value
+        toy:\\n  samples: [1, 2] | 3 | error[E208] dynid.yaml:2: toy.samples must be a word
     """),
 )
 def test_wrong_keys_and_values_are_named_by_file_and_line(dynid, text, status, message):
@@ -257,6 +257,9 @@ def test_doctor_shows_value_and_source_of_each_option(dynid):
     assert found["", "quiet"] == ("1", "DYNID_QUIET")
     assert found["check", "sort_time"] == ("yes", "dynid.yaml:3")
     assert found["", "color"] == ("auto", "default")
+    (dynid.folder / "dynid.yaml").write_text("check:\n  exclude: abc\n")
+    assert "where   dynid.yaml:2" in dynid("check x").err
+    assert "where   DYNID_SEED" in dynid("check x", DYNID_SEED="x").err
 
 
 def kinds(kind=Options):

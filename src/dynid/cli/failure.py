@@ -12,13 +12,14 @@ import platform
 import signal
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any, NoReturn, TextIO
+from typing import IO, NoReturn, TextIO
 
 import click
+from click.core import ParameterSource
 
 from dynid import workflows
 from dynid.errors import CannotWrite, DynidError, ExitStatus, OutOfMemory, WrongUsage
@@ -86,14 +87,15 @@ def echo(text: str, *, err: bool = True) -> None:
 
 
 # ---------------------------------------------------------------- what went wrong
-def ended(error: BaseException, words: Sequence[str], given: Mapping[str, Any]) -> int:
+def ended(error: BaseException, words: Sequence[str], ctx: click.Context | None) -> int:
     """Say what has ended a run and return its exit status.
 
     Args:
         error: what was raised.
         words: the command line after ``dynid``.
-        given: the values of its options, as far as they were read.
+        ctx: of the command, as far as it was read.
     """
+    given = ctx.params if ctx else {}
     if isinstance(error, click.exceptions.Exit):
         return error.exit_code
     if isinstance(error, BrokenPipeError):
@@ -107,6 +109,7 @@ def ended(error: BaseException, words: Sequence[str], given: Mapping[str, Any]) 
     if given.get("debug") or "--debug" in words:
         echo(trace)
     mistake = _mistake(error) or _crash(error, words, trace)
+    mistake.where = _place(ctx, error, mistake.where) if ctx else mistake.where
     said = {
         key: visible(text)
         for key in ("code", "what", "where", "why", "fix")
@@ -159,12 +162,21 @@ def _usage_error(error: click.ClickException) -> DynidError:
         near = error.possibilities
         text = f"no such option: {error.option_name}"
         text += f"; did you mean '{near[0]}'?" if near else ""
-    if isinstance(error, click.BadParameter) and ctx is not None and error.param is not None:
-        name = error.param.name or ""
-        if ctx.get_parameter_source(name) is click.core.ParameterSource.DEFAULT_MAP:
-            where = ctx.meta["dynid.settings"][name].where
     why = "the command line cannot be understood"
     return WrongUsage(text[:1].lower() + text[1:], where=where, why=why, fix=fix)
+
+
+def _place(ctx: click.Context, error: BaseException, where: str) -> str:
+    """Return the line of a file or the variable that a wrong option has its value from, ``where`` for neither."""
+    for param in ctx.command.params:
+        # Why the second: what reads an option says its flag.
+        if param is getattr(error, "param", None) or where in param.opts:
+            match ctx.get_parameter_source(name := str(param.name)):
+                case ParameterSource.DEFAULT_MAP:
+                    return str(ctx.meta["dynid.settings"][name].where)
+                case ParameterSource.ENVIRONMENT:
+                    return next(filter(os.environ.get, param.envvar or ()))
+    return where
 
 
 def _crash(error: BaseException, words: Sequence[str], trace: str) -> DynidError:

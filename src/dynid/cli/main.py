@@ -108,7 +108,7 @@ def run(args: Sequence[str]) -> int:
             status = cli.invoke(ctx)
         sys.stdout.flush()
     except BaseException as error:  # noqa: BLE001
-        return failure.ended(error, words, meta.get("dynid.given", {}))
+        return failure.ended(error, words, meta.get("dynid.context"))
     return int(status or ExitStatus.DONE)
 
 

@@ -27,7 +27,6 @@ from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, CONTEXT, IMPORTED, command_of, shown
 from dynid.cli.runfile import arguments_of, repeated
 from dynid.cli.session import Session
-from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
 from dynid.options import Options, declaration_of, flag_of, option
 from dynid.text import shell
@@ -55,11 +54,6 @@ TYPES: dict[str, Any] = {
     "Identification": click.Path(path_type=Path),
     "Robot": click.Path(),
 }
-#: What click is told of an option by what ``Declaration.kind`` says.
-KINDS: dict[str, dict[str, Any]] = {
-    "input": {"type": INPUT},
-    "level": {"count": True},
-}
 
 
 # ---------------------------------------------------------------- from a signature to a command line
@@ -81,7 +75,8 @@ def declared_option(each: Field[Any], **facts: Any) -> click.Option:  # noqa: AN
     facts |= {
         "default": each.default,
         "show_default": said.nothing if each.default is None else None,
-        "type": type_of(each.type),
+        "type": INPUT if said.kind == "input" else type_of(each.type),
+        "count": said.kind == "level",
         "is_flag": isinstance(each.default, bool) or None,
         "multiple": said.repeatable,
         "metavar": said.metavar or None,
@@ -98,7 +93,7 @@ def declared_option(each: Field[Any], **facts: Any) -> click.Option:  # noqa: AN
         facts["type"] = ranged(*said.bounds)
     elif said.read is not None:
         facts["type"] = str
-    return click.Option([*short, flag, key_of(each)], **facts | KINDS.get(said.kind, {}))
+    return click.Option([*short, flag, key_of(each)], **facts)
 
 
 def argument_of(each: inspect.Parameter) -> click.Argument:
@@ -210,16 +205,8 @@ def take_defaults(ctx: click.Context, values: dict[str, Value]) -> None:
 
 
 def words_of(option: click.Option, value: Value) -> str | tuple[str, ...]:
-    """Return a value of a configuration file as on the command line.
-
-    Raises:
-        WrongUsage: an option that takes one value is given several.
-    """
-    if option.multiple:
-        return value.texts()
-    if value.is_list or value.is_mapping:
-        raise value.wrong(" takes one value", f"give one, as to {option.opts[-1]}", WrongUsage)
-    return value.text()
+    """Return a value of a configuration file as on the command line."""
+    return value.texts() if option.multiple else value.text()
 
 
 # ---------------------------------------------------------------- commands
@@ -228,7 +215,7 @@ class Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the words of the command line, those of a former run first."""
-        ctx.meta["dynid.given"] = ctx.params
+        ctx.meta["dynid.context"] = ctx
         return super().parse_args(ctx, args if ctx.resilient_parsing else repeated(ctx, args))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -280,12 +267,7 @@ def dynid_command(
 
         def callback(**values: Any) -> Any:  # noqa: ANN401
             ctx = click.get_current_context()
-            common = {key: values.pop(key) for key in COMMON}
-            if ctx.obj is not None:
-                common = {
-                    key: common[key] for key in COMMON if ctx.get_parameter_source(key) is TYPED
-                }
-            session: Session = replace(ctx.obj or Session(), **common)
+            session = session_of(ctx, {key: values.pop(key) for key in COMMON})
             with session.heard():
                 answer: Answer = function(session, **arguments(session, kinds, values))
                 steps = [with_reading(ctx, step) for step in answer.next]
@@ -319,6 +301,14 @@ def dynid_command(
         return command
 
     return decorate
+
+
+def session_of(ctx: click.Context, common: dict[str, Any]) -> Session:
+    """Return the session with common options; within another command its own, but for what is typed."""
+    if ctx.obj is None:
+        return Session(**common)
+    typed = [key for key in common if ctx.get_parameter_source(key) is TYPED]
+    return replace(ctx.obj, **{key: common[key] for key in typed})
 
 
 def with_reading(ctx: click.Context, step: Step) -> Step:
