@@ -48,12 +48,12 @@ class Recording(NamedTuple):
 
     Attributes:
         topics: its topics by name, with the number of their messages.
-        logs: for each topic of joint states its raw logs, one for each set of joint names, the largest first.
+        logs: raw logs of joint states, one for each topic and set of joint names, the largest of a topic first.
         findings: what was noticed.
     """
 
     topics: dict[str, Topic]
-    logs: dict[str, list[Log]]
+    logs: list[Log]
     findings: tuple[Finding, ...]
 
 
@@ -76,16 +76,15 @@ def read_bag(path: Path) -> Recording:
         except Broken as error:
             reasons.append(f"{part.name}: {error}" if part != path else str(error))
     topics = {topic.name: replace(topic, count=count) for topic, count in counts.items()}
-    logs = {name: found for name, each in collectors.items() if (found := each.logs())}
+    logs = [log for each in collectors.values() for log in each.logs()]
     reasons += [each.reason for each in collectors.values() if each.reason]
     if not reasons:
         return Recording(topics, logs, ())
     if not logs:
         text = "ends early (recorder killed?), and no joint states of it are readable"
         raise BagTruncated(f"{path.name} {text}: {reasons[0]}", where=path)
-    every = [log for group in logs.values() for log in group]
-    count, reason = sum(map(len, every)), "; ".join(reasons[:3])
-    seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in every) * 1e-9
+    count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
+    seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
     text = (
         f"{path.name} was cut or not closed (recorder killed?): {count} messages, {seconds:.1f} s, are readable "
         f"and used; reported by the reader: {reason.rstrip('.')}"

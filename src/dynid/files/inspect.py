@@ -97,8 +97,8 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
     if kind != "bag":
         log = logs.read_npz_log(path) if kind == "npz" else tables.read_folder(path, rate)
         return Inspected((log,), log.findings)
-    topics, groups, findings = read_bag(path)
-    found = tuple(log for group in groups.values() for log in group if log.n)
+    topics, every, findings = read_bag(path)
+    found = tuple(log for log in every if log.n)
     if not found:
         text = f"no topic of {path.name} holds joint states ({JOINT_STATE})"
         findings = (*findings, Finding("W333", "warning", text))

@@ -154,10 +154,10 @@ def read_npz_log(path: Path) -> Log:
 # ---------------------------------------------------------------- joint states of bags
 def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
     """Read the joint states of a robot from a bag; the driver chooses the topic where None is given."""
-    topics, groups, findings = read_bag(path)
+    topics, every, findings = read_bag(path)
     kinds = {name: each.type for name, each in topics.items()}
     chosen = driver_of(robot).choose_topic(kinds, topic, robot, path.name)
-    logs = groups.get(chosen)
+    logs = [log for log in every if log.topic == chosen]
     if not logs:
         raise WrongMessageType(f"{chosen} has no readable messages", where=chosen)
     # Why: other nodes may publish on the same topic.
