@@ -14,6 +14,7 @@ from typing import Any
 from dynid.errors import WrongRobotFile
 from dynid.files.robotkeys import TEXT, Keys
 from dynid.files.yamlfile import Value, read_yaml
+from dynid.text import file_name
 
 
 @dataclass(frozen=True)
@@ -110,4 +111,4 @@ def _job(value: Value, given: dict[str, Any]) -> Job:
 
 def folder_name(job: Job) -> str:
     """Return the name of a job's results folder."""
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in job.name).strip(".") or "job"
+    return file_name(job.name).replace(" ", "_")

@@ -113,7 +113,7 @@ def read_npz_log(path: Path) -> Log:
     """
     try:
         arrays = read_npz(path)
-        header = dict(json.loads(str(arrays.pop(HEADER)))) if HEADER in arrays else {}
+        header = dict(json.loads(str(arrays.pop(HEADER, "{}"))))
         units = {str(key): str(unit) for key, unit in dict(header.get("units") or {}).items()}
         names = tuple(header.get("joint_names") or ())
         if "schema" in header:
