@@ -56,7 +56,9 @@ def _paths(value: Value) -> tuple[Path, ...]:
 
 
 def _robot(value: Value) -> str:
-    return str(_path(value)) if value.text().endswith((".yaml", ".yml")) else value.text()
+    """Return a robot's name, or the path of its file, behind which a URDF may name its last link."""
+    file = value.text().partition("#")[0].endswith((".yaml", ".yml", ".urdf"))
+    return str(_path(value)) if file else value.text()
 
 
 def _options(value: Value) -> dict[str, str]:

@@ -17,7 +17,7 @@ def batch(folder, text):
 def test_defaults_hold_for_all_jobs_and_paths_are_relative_to_the_file(tmp_path):
     """A job's own keys win."""
     text = """
-defaults: {robot: arms/one.yaml, tolerance: 1%, options: {cutoff: 8, drop_weak: true}}
+defaults: {robot: arms/one.urdf#tip, tolerance: 1%, options: {cutoff: 8, drop_weak: true}}
 jobs:
   - logs: a.bag
   - {logs: [a.bag, b.bag], name: both, robot: kinova_gen2, validate: c.bag, baseline: old, fail_if: max_rms_nm > 1}
@@ -25,7 +25,7 @@ jobs:
     first, second = read_batch(batch(tmp_path, text))
     assert (first.name, first.robot, first.logs) == (
         "one-a",
-        str(tmp_path / "arms/one.yaml"),
+        str(tmp_path / "arms/one.urdf#tip"),
         (tmp_path / "a.bag",),
     )
     assert first.options == {"cutoff": "8", "drop_weak": "true"}
