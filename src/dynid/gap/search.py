@@ -294,7 +294,7 @@ class Search:
     def _look_from(self, state: State, one: Candidate, alone: Candidate, scale: float) -> Look:
         """Return a candidate with the rest sized beside one of its shapes."""
         evidence = state.evidence
-        sized = evidence.sized_as(alone.among(evidence, scale).sized(list(alone.own)))
+        sized = evidence.sized_as(alone.among(evidence, scale).sized())
         looks = []
         for some in (one, alone):
             gained = gains(sized, some)

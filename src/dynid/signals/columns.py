@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,17 +54,18 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
 
 
 def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
-    """Return the list to paste: in chain order where names are alike, else with places to fill in."""
+    """Return the list to paste: by number or likeness in chain order, else with places to fill in."""
     alike = [get_close_matches(own, names, 1, tuning.ALIKE_NAMES) for own in robot.joint_names]
-    chain = [yaml_word(name) for names in alike for name in names]
-    if len(set(chain)) == robot.n:
-        return f"[{', '.join(chain)}]"
+    numbered = all(map(str.isdecimal, names))
+    order = sorted(names, key=int) if numbered else [*chain.from_iterable(alike)]
+    if len(set(order)) == robot.n:
+        return f"[{', '.join(map(yaml_word, order))}]"
     places = ", ".join(f"<the column of {name}>" for name in robot.joint_names)
     return f"[{places}]   (the log's own order need not be that of the chain)"
 
 
 def _short(names: Sequence[str]) -> str:
-    return ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    return ", ".join(names[:8]) + ", ..." * (len(names) > 8)
 
 
 def units(log: Log, robot: Robot) -> dict[str, str]:

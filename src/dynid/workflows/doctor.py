@@ -110,14 +110,13 @@ def _ros() -> Iterator[Check]:
     lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"
     value = f"present, looked for in {', '.join(ros_folders()) or 'sys.path'}"
     yield Check("ROS 1", not missing, f"absent: {', '.join(missing)}" if missing else value, lost)
-    uri, answers = master_uri(), True
+    uri, state = master_uri(), "answers"
     try:
         ping_master(uri)
     except OSError:
-        answers = False
-    value = f"{uri} {'answers' if answers else 'does not answer'}"
+        state = "does not answer"
     lost = "record: start rosmaster --core, or set ROS_MASTER_URI"
-    yield Check("ROS master", answers, value, lost)
+    yield Check("ROS master", state == "answers", f"{uri} {state}", lost)
 
 
 def _surroundings() -> Iterator[Check]:

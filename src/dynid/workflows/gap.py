@@ -16,7 +16,6 @@ from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
 from dynid.estimation.evidence import evidence_of, found_path, with_paths
 from dynid.estimation.payload import find_payload
-from dynid.estimation.prediction import check, concatenated
 from dynid.estimation.result import Identification
 from dynid.files import packaged
 from dynid.files.artifact import kind_of, read_artifact
@@ -609,7 +608,7 @@ class _Search:
     def _proved(self, gap: Gap) -> Gap:
         """Return an answer with the errors that ``apply`` and then ``validate`` reach on the recordings held out."""
         before, after = gap.improvement.before, self._errors(gap.apply(), gap)
-        if not any(log.sha256 in self.result.log_sha256 for log in gap.unseen_logs):
+        if {log.sha256 for log in gap.unseen_logs}.isdisjoint(self.result.log_sha256):
             before = self._errors(self.result, gap)
         at = gap.joint_names.index
         named = tuple(
@@ -627,9 +626,9 @@ class _Search:
     def _errors(self, result: Identification, gap: Gap) -> Floats:
         """Return the error of each joint on what was held out, with the filter of the search, (n,) [N m or N]."""
         replays = self._replays(gap.unseen_logs, result, gap.signals.cutoff)
-        motion = concatenated([each.motion for each in replays])
-        joints, _ = check(motion, motion.tau_measured, gap.joint_names)
-        return np.array([joint.rms for joint in joints])
+        rms = [[joint.rms for joint in each.joints] for each in replays]
+        rows = [each.motion.usable.sum(axis=0) for each in replays]
+        return np.sqrt(np.average(np.square(rms), axis=0, weights=np.maximum(rows, 1)))
 
     @heard_by()
     def _replays(

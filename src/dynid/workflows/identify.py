@@ -162,9 +162,11 @@ def identify(
     if robot.torque.relative and options.feasible is None:
         # Why: a prior in kg cannot be put beside parameters whose size is unknown.
         options = replace(options, feasible=False)
-    seen = logs
-    if not isinstance(seen, Observations):
-        seen = observe(robot, seen, options, base=base, drop_weak=options.drop_weak)
+    seen = (
+        logs
+        if isinstance(logs, Observations)
+        else observe(robot, logs, options, base=base, drop_weak=options.drop_weak)
+    )
     robot = replace(robot, estimated_coulomb=seen.base.robot.estimated_coulomb)
     base = replace(seen.base, model=replace(seen.base.model, robot=robot))
     stack, header = replace(seen.stack, base=base), seen.header()
@@ -197,8 +199,7 @@ def identify(
 def _reported(result: Identification) -> Identification:
     """Return a result whose header tells its noise, after its fit was reported."""
     assert result.stack is not None
-    noise = noise_floor(result.stack, result.theta, result.model_error)
-    if noise is not None:
+    if noise := noise_floor(result.stack, result.theta, result.model_error):
         rms, repeats = noise
         facts = {"noise_floor_nm": rms.tolist(), "noise_repeats_s": repeats}
         result = replace(result, header=result.header | facts)
@@ -239,9 +240,12 @@ def _held_out(seen: Observations, stack: Stack, options: IdentifyOptions) -> Hol
         return last_share(stack, kept)
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     log = load_log(kept, base.robot, same, identify=False)
+    name = str(log.source or "log")
+    if log.sha256 and log.sha256 in [one.sha256 for one in stack.logs]:
+        raise WrongUsage(f"--holdout {name}: the fit has this log", fix="--holdout 20%")
     conditioned = condition_logs([log], base.model, same)
     test = stack_logs(scaled(conditioned, base, stack.first_fit.theta), base)
-    return stack, test, str(log.source or "log")
+    return stack, test, name
 
 
 @public
@@ -350,8 +354,7 @@ def identify_run(
     options = replace(options, cutoff=known.cutoff, delay=known.delay)
     stage("read")
     logs = [read_log(path, arm, options) for path in paths]
-    wrote: list[Path] = []
-    gains, robot = gains_of(arm, logs, options, models), arm
+    wrote, robot, gains = list[Path](), arm, gains_of(arm, logs, options, models)
     if gains is not None:
         written, robot = write_robot(folder, arm, gains)
         wrote.append(written)
@@ -378,8 +381,7 @@ def identify_run(
     payload = None if unloaded is None else find_payload(result, unloaded)
     if payload is not None:
         wrote.insert(0, _write_payload(folder, payload))
-    result = replace(result, path=path)
-    return _answer(result, inputs, gains, payload, wrote)
+    return _answer(replace(result, path=path), inputs, gains, payload, wrote)
 
 
 def _answer(
@@ -390,19 +392,20 @@ def _answer(
     wrote: Sequence[Path],
 ) -> Answer:
     """Return what ``dynid identify`` answers: gains of the drives where they were found, the arm, and its load."""
-    parts, notes, robot = list[Part](), list[tuple[str, str]](), result.robot
+    parts, notes = list[Part](), list[tuple[str, str]]()
     delays = ("delay_s", "delay_std_error_s", "delay_applied_s")
     answer = result.answer()
     facts = {**answer.facts, **{key: result.header.get(key) for key in delays}}
     facts |= {"folder": result.path.parent, "inputs": inputs}
     if gains is not None:
-        facts |= gain_facts(robot, gains)
+        facts |= gain_facts(result.robot, gains)
         named = "joint", "gain" if gains.relative else "gain [N m/A]", "std_error"
         parts.append(Table([dict(zip(named, x.values(), strict=True)) for x in facts["gains"]]))
         if gains.relative:
-            text = "the size of the gains is unknown, so results are in A; see --loaded"
-            notes.append(("amperes", text))
-    load = list[Part]()
+            notes = [
+                ("amperes", "the size of the gains is unknown, so results are in A; see --loaded")
+            ]
+    parts += answer.parts
     if payload is not None:
         facts["payload"] = payload.facts()
         facts["findings"] = [*facts["findings"], *map(asdict, payload.findings())]
@@ -412,8 +415,7 @@ def _answer(
         numbers = zip(names, payload.body.numbers, *payload.intervals.T, units, strict=True)
         rows = [dict(zip(heads, row, strict=True)) for row in numbers]
         title = "load on the last link, in its frame (inertia about the centre of mass)"
-        load = [*payload.findings(), "", title, Table(rows)]
-    parts += [*answer.parts, *load]
+        parts += [*payload.findings(), "", title, Table(rows)]
     return replace(answer, facts=facts, parts=parts, notes=notes, wrote=wrote)
 
 

@@ -237,10 +237,9 @@ def validate(
     where = str(log.source or log.name)
     if log.sha256 and log.sha256 in result.log_sha256 and not options.allow_training_data:
         raise SameRecording(f"{where} was used to identify {result.path}", where=where)
-    base = result.base
-    cutoff = result.cutoff if options.cutoff is None else options.cutoff
+    base, known = result.base, evidence_of(result)
     delay = result.delay if options.delay is None else options.delay
-    options = replace(options, cutoff=cutoff, delay=delay)
+    options = replace(options, cutoff=options.cutoff or result.cutoff, delay=delay)
     checked = checked_log(log, base.robot, options, identify=False)
     check_weight(checked, base.robot)
     (replayed,) = scaled(condition_logs([checked], base.model, options), base, result.theta)
@@ -258,7 +257,6 @@ def validate(
         measured, baseline = motion.tau_measured, "a constant torque"
         simpler = np.broadcast_to(measured.mean(axis=0), measured.shape)
     joints, total = prediction.check(motion, simpler, base.robot.joint_names)
-    known = evidence_of(result)
     return Validation(
         robot=base.robot,
         log=where,
