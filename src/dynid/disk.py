@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import IO
 
-from dynid.errors import CannotWrite
+from dynid.errors import CannotWrite, WrongUsage
 
 
 @contextmanager
@@ -29,6 +29,8 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
             stream.flush()
             os.fsync(stream.fileno())
         temporary.replace(path)
+    except (NotADirectoryError, FileExistsError) as error:
+        raise WrongUsage(f"cannot write {path}: its folder is a file") from error
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=path) from error
     finally:
@@ -36,23 +38,20 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
             temporary.unlink()
 
 
-#: Path, time of change and size of a file.
-State = tuple[Path, int, int]
-
-
 def sha256(path: Path) -> str:
     """Return the sha256 of a file, or of all files of a folder in the order of their names.
 
     A file is read for it once per process, and again only when its size or time of change is another.
     """
-    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+    files = sorted(filter(Path.is_file, path.iterdir())) if path.is_dir() else [path]
     return _hashed(
         tuple((file.absolute(), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
     )
 
 
 @lru_cache(maxsize=256)
-def _hashed(files: tuple[State, ...]) -> str:
+def _hashed(files: tuple[tuple[Path, int, int], ...]) -> str:
+    """Return the sha256 of files by path, time of change [ns] and size."""
     digest = hashlib.sha256()
     for file, _, _ in files:
         with file.open("rb") as stream:

@@ -56,16 +56,8 @@ class Finding:
     evidence: dict[str, Any] = field(default_factory=dict)
 
 
-#: Exit status of the mistakes of a topic, which is the first digit of their codes.
-USUAL_STATUS = {
-    "1": ExitStatus.USAGE,
-    "2": ExitStatus.INPUT,
-    "3": ExitStatus.INPUT,
-    "4": ExitStatus.DATA,
-    "5": ExitStatus.UNSAFE,
-    "6": ExitStatus.MACHINE,
-    "7": ExitStatus.DECISION,
-}
+#: Exit status of the mistakes of a topic, the first digit of their codes, where it is not that number.
+OTHER_STATUS = {1: ExitStatus.USAGE, 2: ExitStatus.INPUT}
 
 
 class DynidError(Exception):
@@ -86,7 +78,8 @@ class DynidError(Exception):
     def __init_subclass__(cls) -> None:
         """Give a mistake the status of its topic where it has none of its own."""
         if "status" not in vars(cls):
-            cls.status = USUAL_STATUS[cls.code[1]]
+            topic = int(cls.code[1])
+            cls.status = OTHER_STATUS.get(topic, ExitStatus(topic))
 
     def __init__(self, what: str, *, where: object = "", why: str = "", fix: str = "") -> None:
         self.what, self.where = what, str(where)

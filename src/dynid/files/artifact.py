@@ -40,13 +40,11 @@ class Artifact:
 
 #: What reading a file that somebody has changed may raise on the way from its numbers to a value.
 _DAMAGE = (
-    KeyError,
+    LookupError,
     TypeError,
     ValueError,
-    IndexError,
     AttributeError,
-    OverflowError,
-    ZeroDivisionError,
+    ArithmeticError,
     RecursionError,
 )
 
@@ -155,7 +153,14 @@ def unpacked(kind: Any, stored: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
         return None if stored is None else unpacked(inner[0], stored, arrays)
     if isinstance(kind, type) and is_dataclass(kind):
         hints = get_type_hints(kind)
-        return kind(**{key: unpacked(hints[key], each, arrays) for key, each in stored.items()})
+        return kind(
+            **{
+                key: unpacked(hints[key], each, arrays)
+                for key, each in stored.items()
+                # Why: an older dynid may have written more.
+                if key in hints
+            }
+        )
     if origin is Mapping:
         return {key: unpacked(inner[1], each, arrays) for key, each in stored.items()}
     if origin in (tuple, Sequence):
