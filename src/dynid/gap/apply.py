@@ -17,7 +17,7 @@ from dynid.model.effects.catalogue import CATALOGUE, delay_of
 from dynid.model.reduce import with_added
 from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
-from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay, with_effects
+from dynid.signals.conditioned_log import ConditionedLog, torques_moved_back, with_effects
 from dynid.text import yaml_text
 
 
@@ -65,9 +65,7 @@ def stacked_with(
     """
     added = with_specs(base, specs)
     delay = delay_of(specs)
-    late = [
-        replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
-    ]
+    late = [replace(torques_moved_back(s, base.model, delay), delay=s.delay) for s in logs]
     first = base.torques(theta)
     made = stack_with_settled_effects([with_effects(s, added.model, first) for s in late], added)
     return added, stack_logs([*(_before(s, base, added) for s in earlier), *made.logs], added)

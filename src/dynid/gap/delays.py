@@ -22,7 +22,7 @@ from dynid.judgement.gap import Event
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import DELAY
 from dynid.options import LONGEST_DELAY
-from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
+from dynid.signals.conditioned_log import ConditionedLog, torques_moved_back
 
 #: Most shifts: three for a delay, because each makes the next one exact to second order, and one for what names leave.
 MOST_SHIFTS = 4
@@ -88,9 +88,7 @@ def searches(
 
     @cache
     def at(delay: float) -> Search:
-        shifted = [
-            replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
-        ]
+        shifted = [replace(torques_moved_back(s, base.model, delay), delay=s.delay) for s in logs]
         return Search(make_problem(shifted, base, kept, earlier))
 
     return at
