@@ -46,7 +46,7 @@ def solvable() -> Iterator[None]:
     except np.linalg.LinAlgError as error:
         raise RankDeficient(
             f"the equations from these logs cannot be solved ({error})",
-            why="the values differ by too many orders of magnitude, or all torques are zero",
+            why="values differ by too many orders of magnitude, all torques are zero, or given masses are far off",
             fix="look at the log: dynid check LOG --robot ROBOT",
         ) from error
 
