@@ -42,8 +42,9 @@ LOG_RMS, NONE = (-6.0, 5.0), -4.0
 QUIETER = -1.5
 #: The kind that is the shape of reversals, in shares of Coulomb friction.
 SHAPE = "shape"
-#: Steps of sizing, and of the first one, from nothing.
-STEPS, FIRST_STEPS = 8, 20
+#: Steps of sizing, and of the first one, from nothing: after 20 of these the next ones still gained 2.2 in the evidence
+#: of LWR4+ recordings, which every candidate counted for itself, and a tilt of the base was named for an offset.
+STEPS, FIRST_STEPS = 8, 60
 
 
 def forward(root: Floats, right: Floats, trans: int = 0) -> Floats:
