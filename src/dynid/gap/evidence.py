@@ -333,14 +333,9 @@ class Evidence:
         return Rest(odds, rms, level, quiet)
 
     # ------------------------------------------------------------ sizes
-    def sized(self, joints: Sequence[int] = (), steps: int = STEPS) -> Evidence:
-        """Return the evidence with rest and bands of some joints as large as is most likely.
-
-        Args:
-            joints: these joints, 0-based; all when empty.
-            steps: of MacKay's fixed point.
-        """
-        evidence, joints = self, joints or range(len(self.joints))
+    def sized(self, steps: int = STEPS) -> Evidence:
+        """Return the evidence with rest and bands as large as is most likely, after steps of MacKay's fixed point."""
+        evidence, joints = self, range(len(self.joints))
         for _ in range(steps):
             evidence = evidence.replaced({j: evidence._step(j) for j in joints})
         for j in joints:
@@ -466,4 +461,4 @@ def evidence_of(problem: GapProblem) -> tuple[Evidence, EvidenceRows]:
     held[:p] = problem.prior[:p, -1]
     price = float(np.log(7.0 * n))
     evidence = Evidence(tuple(models), information, held, price, size, size - p)
-    return evidence.sized(steps=FIRST_STEPS), EvidenceRows(bands, every, filtered, common)
+    return evidence.sized(FIRST_STEPS), EvidenceRows(bands, every, filtered, common)

@@ -107,10 +107,8 @@ def condition(log: Log, chosen: Filter) -> list[Segment]:
         q, qd, qdd = filtered(part.q, kernels)
         if chosen.measured_velocity and part.qd is not None:
             qd, qdd = filtered(part.qd, kernels[:2])
-        clipped, command = (
-            part.extra.get("clipped", np.zeros(part.q.shape)),
-            part.extra.get("q_ref"),
-        )
+        clipped = part.extra.get("clipped", np.zeros(part.q.shape))
+        command = part.extra.get("q_ref")
         centres, none = half + step * np.arange(len(q)), np.empty((len(q), 0))
         raw_qd = 0.5 * chosen.rate * (part.q[centres + 1] - part.q[centres - 1])
         found.append(

@@ -86,7 +86,7 @@ def test_a_rest_and_bands_are_sized_where_the_evidence_is_largest():
     y = y + R[:, 1:3] @ np.array([1.5, -2.0])
     y[BANDS[1]] += 2.0 * np.random.default_rng(5).normal(size=380)
     first = replace(evidence.joints[0], grams=grams(np.column_stack([R, y, T])))
-    best = evidence.replaced({0: first}).sized([0], 40)
+    best = evidence.replaced({0: first}).sized(40)
     found = best.joints[0]
     assert np.exp(found.log_rms[0]) == pytest.approx(1.8, rel=0.6)
     assert np.exp(found.powers[1]) == pytest.approx(5.0, rel=0.2)
